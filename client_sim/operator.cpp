@@ -14,6 +14,10 @@ namespace {
 constexpr double kMinContactForce = 0.03;  // N; with a smaller force, a state does not count as contact
 constexpr double kSmoothingTime = 0.02;    // s, time constant for received forces and velocities
 
+// The states of other users: max age, as in `others_press`, and max number of users.
+constexpr std::int64_t kMaxOtherAgeNs = 200'000'000;
+constexpr std::size_t kMaxOthers = 256;
+
 session::Pose pose_of(const Vec3d& position, const Eigen::Quaterniond& orientation) {
   return {{position.x(), position.y(), position.z()},
           {orientation.x(), orientation.y(), orientation.z(), orientation.w()}};
@@ -51,6 +55,7 @@ void Operator::on_probe_state(const session::ProbeState& state) {
   if (!has_state_) hand_ = device_;
   has_state_ = true;
   state_ns_ = state.session_time_ns;
+  std::erase_if(others_, [&](const auto& other) { return state_ns_ - other.second.received_ns >= kMaxOtherAgeNs; });
   smoothed_force_ += share * (force - smoothed_force_);
   force_norm_ = force.norm();
   smoothed_norm_ += share * (force_norm_ - smoothed_norm_);
@@ -78,6 +83,7 @@ void Operator::on_probe_state(const session::ProbeState& state) {
 
 void Operator::on_other_probe_state(const session::ProbeState& state) {
   if (state.user_id == user_id_) return;
+  if (others_.size() >= kMaxOthers && others_.count(state.user_id) == 0) return;
   others_[state.user_id] = {state.object_id, vector_of(state.force).norm(), state_ns_};
 }
 

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <Eigen/Geometry>
+#include <cstddef>
 #include <cstdint>
 #include <map>
 #include <optional>
@@ -60,6 +61,8 @@ class Operator {
   }
   [[nodiscard]] const OperatorTally& tally() const noexcept { return tally_; }
   [[nodiscard]] const User& user() const noexcept { return user_; }
+  /// Number of other users whose newest state is stored.
+  [[nodiscard]] std::size_t stored_others() const noexcept { return others_.size(); }
   /// True while the operator follows a surface, or holds with a force.
   [[nodiscard]] bool is_following() const noexcept { return stage_ == Stage::kFollow; }
 
@@ -149,7 +152,7 @@ class Operator {
   bool is_holding_ = false, is_refused_ = false;  // status bits kHolding, kHoldRefused
   bool has_fault_ = false;                        // status bit kFault: there is no force until a reset
 
-  // Newest states of the other users' probes.
+  // Newest states of the other users' probes, at most 200 ms old.
   struct Other {
     std::uint64_t object = 0;
     double force = 0;              // N

@@ -8,6 +8,7 @@ namespace tactus::client_sim {
 namespace {
 
 constexpr std::size_t kMaxEvents = 1000;
+constexpr std::size_t kMaxFigures = 2 * session::kMaxFigures;  // of a participant; a sample need not have all
 constexpr double kUsualWait = 3;  // s, for HRTCs and objects while the programs of a session start
 
 double seconds(std::int64_t ns) { return static_cast<double>(ns) * 1e-9; }
@@ -151,7 +152,9 @@ void SimCore::on_metrics(const session::Metrics& metrics, std::int64_t now_ns) {
   if (metrics.origin.session != self_.session) return;
   const auto found = peers_.find(metrics.origin.participant);
   if (found == peers_.end()) return;
-  for (const session::Figure& figure : metrics.figures) found->second.figures[figure.name] = figure.value;
+  std::map<std::string, double>& figures = found->second.figures;
+  for (const session::Figure& figure : metrics.figures)
+    if (figures.size() < kMaxFigures || figures.count(figure.name) != 0) figures[figure.name] = figure.value;
   found->second.figures_ns = now_ns;
 }
 

@@ -5,10 +5,13 @@
 #include <cstdio>
 #include <iterator>
 
+#include "hrtc_service/servo/touch_object.hpp"
+
 namespace tactus::hrtc_service {
 namespace {
 
 constexpr std::int64_t kSilentNs = 300'000'000;     // silence after which a remote probe is removed
+constexpr std::size_t kMaxRemotes = 256;            // probes of all other HRTCs; about 8 MB
 constexpr double kMinLoss = 1e-3;                   // min published share
 constexpr std::int64_t kLossAgeNs = 3'000'000'000;  // time for which a reported loss is valid
 
@@ -22,13 +25,36 @@ std::string loss_figure(std::uint64_t participant) {
 
 void RemoteUsers::on_state(const session::ProbeState& state, session::StateStream stream, std::int64_t now_ns,
                            std::int64_t session_now_ns) {
-  Remote& remote = remotes_[{state.user_id, state.probe}];
+  Remote* const found = find_or_add(state, now_ns);
+  if (found == nullptr) {
+    ++implausible_;
+    return;
+  }
+  Remote& remote = *found;
   const session::Admission admission = remote.probe.on_state(state, stream, session_now_ns);
   if (admission == session::Admission::kImplausible) ++implausible_;
   if (!session::accepted(admission)) return;
   remote.participant = state.origin.participant;
   remote.received_ns = now_ns;
   modes_.on_probe(state.user_id, state.origin.participant, state.device.position, now_ns);
+}
+
+/// Returns the remote probe of a state, and adds it if it is new. Returns null if its number is too large, or if the
+/// sender or all senders together have too many probes.
+RemoteUsers::Remote* RemoteUsers::find_or_add(const session::ProbeState& state, std::int64_t now_ns) {
+  if (state.probe >= kMaxProbes) return nullptr;
+  const std::pair<std::uint64_t, std::uint32_t> key{state.user_id, state.probe};
+  const auto found = remotes_.find(key);
+  if (found != remotes_.end()) return &found->second;
+  if (remotes_.size() >= kMaxRemotes) return nullptr;
+  const std::uint64_t participant = state.origin.participant;
+  const auto of_participant = std::count_if(remotes_.begin(), remotes_.end(),
+                                            [&](const auto& entry) { return entry.second.participant == participant; });
+  if (of_participant >= static_cast<std::ptrdiff_t>(kMaxProbes)) return nullptr;
+  Remote& remote = remotes_[key];
+  remote.participant = participant;
+  remote.received_ns = now_ns;
+  return &remote;
 }
 
 void RemoteUsers::on_metrics(const session::Metrics& metrics, std::int64_t now_ns) {

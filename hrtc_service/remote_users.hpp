@@ -8,6 +8,7 @@
 
 #include <array>
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <map>
 #include <string>
@@ -52,7 +53,8 @@ class RemoteUsers {
   /// Returns the share of our deadband-coded states that other HRTCs lose: the max over these HRTCs. Any thread.
   [[nodiscard]] double loss() const noexcept { return loss_.load(std::memory_order_relaxed); }
   void add_figures(std::vector<session::Figure>& figures) const;
-  /// Returns the number of states that were dropped because a number or time was outside its plausible window.
+  /// Returns the number of states that were dropped because a number or time was outside its plausible window, or
+  /// because the sender or all senders together have too many probes.
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
   /// Returns, for each other HRTC, the share of the states of that HRTC that this HRTC lost. Omits shares of nearly 0.
   [[nodiscard]] std::vector<session::Figure> losses() const;
@@ -67,6 +69,8 @@ class RemoteUsers {
     double share = 0;
     std::int64_t received_ns = 0;
   };
+
+  [[nodiscard]] Remote* find_or_add(const session::ProbeState& state, std::int64_t now_ns);
 
   std::uint64_t self_;
   session::Modes modes_;

@@ -31,14 +31,15 @@ void DeliveryClient::on_catalogue(const CatalogueEntry& entry) {
   if (entry.withdrawn) {
     host.offers.erase(key);
   } else {
-    host.offers[key] = entry.summary.digest;
+    host.offers[key] = {entry.summary.digest, entry.summary.regions};
   }
 }
 
-bool DeliveryClient::Host::offers_object(std::uint64_t object, std::uint64_t digest) const {
+/// Returns an offer of the object with this digest, or null.
+const DeliveryClient::Offer* DeliveryClient::Host::find_offer(std::uint64_t object, std::uint64_t digest) const {
   for (auto at = offers.lower_bound({object, 0}); at != offers.end() && at->first.first == object; ++at)
-    if (at->second == digest) return true;
-  return false;
+    if (at->second.digest == digest) return &at->second;
+  return nullptr;
 }
 
 void DeliveryClient::on_host_heartbeat(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns) {
@@ -110,14 +111,24 @@ void DeliveryClient::begin_streams(std::uint64_t host, std::uint64_t incarnation
   }
 }
 
+/// Begins the stream of a host that has sent a heartbeat. If another stream has the same id, that stream remains.
 void DeliveryClient::begin_stream(std::uint64_t host, std::uint64_t object_id) {
-  Stream& stream = streams_[stream_from(host, object_id)];
-  stream.host = host;
-  stream.object_id = object_id;
+  const std::uint32_t id = stream_id({self_.session, host, *hosts_.at(host).incarnation, 0}, self_, object_id);
+  const auto [at, is_new] = streams_.try_emplace(id);
+  if (!is_new) return;
+  at->second.id = id;
+  at->second.host = host;
+  at->second.object_id = object_id;
 }
 
-std::uint32_t DeliveryClient::stream_from(std::uint64_t host, std::uint64_t object_id) const {
-  return stream_id({self_.session, host, hosts_.at(host).incarnation, 0}, self_, object_id);
+/// Returns the stream of the host about the object. Null before the first heartbeat of the host, and if another stream
+/// has its id.
+DeliveryClient::Stream* DeliveryClient::find_stream(std::uint64_t host, std::uint64_t object_id) {
+  const auto state = hosts_.find(host);
+  if (state == hosts_.end() || !state->second.incarnation) return nullptr;
+  const auto at = streams_.find(stream_id({self_.session, host, *state->second.incarnation, 0}, self_, object_id));
+  if (at == streams_.end() || at->second.host != host || at->second.object_id != object_id) return nullptr;
+  return &at->second;
 }
 
 void DeliveryClient::open(std::uint64_t object_id, std::uint64_t digest) {
@@ -125,7 +136,8 @@ void DeliveryClient::open(std::uint64_t object_id, std::uint64_t digest) {
   if (!is_new) return;
   at->second.digest = digest;
   at->second.epoch = last_epoch_;
-  for (const auto& [host, state] : hosts_) begin_stream(host, object_id);
+  for (const auto& [host, state] : hosts_)
+    if (state.incarnation) begin_stream(host, object_id);
   begin_epoch(at->second);
 }
 
@@ -133,7 +145,8 @@ void DeliveryClient::close(std::uint64_t object_id) {
   const auto at = objects_.find(object_id);
   if (at == objects_.end()) return;
   last_epoch_ = std::max(last_epoch_, at->second.epoch);
-  for (const auto& [region, partial] : at->second.partials) partial_bytes_ -= partial.bytes;
+  auto& partials = at->second.partials;
+  while (!partials.empty()) drop_partial(at->second, object_id, partials.begin());
   for (auto stream = streams_.begin(); stream != streams_.end();)
     stream = stream->second.object_id == object_id ? streams_.erase(stream) : std::next(stream);
   objects_.erase(at);
@@ -141,7 +154,7 @@ void DeliveryClient::close(std::uint64_t object_id) {
 
 bool DeliveryClient::is_offered(std::uint64_t object_id, std::uint64_t digest) const {
   return std::any_of(hosts_.begin(), hosts_.end(),
-                     [&](const auto& host) { return host.second.offers_object(object_id, digest); });
+                     [&](const auto& host) { return host.second.find_offer(object_id, digest) != nullptr; });
 }
 
 /// Gives the next demand a new epoch; all changes since the last demand share it.
@@ -184,6 +197,14 @@ std::vector<DeliveryClient::Message> DeliveryClient::on_chunk(const BulkChunk& c
   }
   Object& object = objects_.at(stream.object_id);
   Host& host = hosts_.at(stream.host);
+  const Offer* const offer = host.find_offer(stream.object_id, object.digest);
+  const auto is_in_model = [&](const BulkPiece& piece) {
+    return piece.region == spm::kNone || piece.region < offer->regions;
+  };
+  if (offer == nullptr || !std::all_of(chunk.pieces.begin(), chunk.pieces.end(), is_in_model)) {
+    ++counters_.foreign;
+    return {};
+  }
   const std::uint32_t one_way_us = static_cast<std::uint32_t>(now_ns / kNsPerUs) - chunk.sent_us;
   const Admission number = stream.numbers.admit(chunk.sequence, now_ns);
   const Admission time = number == Admission::kImplausible ? number : host.times.admit(one_way_us, now_ns);
@@ -264,11 +285,11 @@ void DeliveryClient::report_gaps(Object& object, Stream& stream, Demand& demand,
 
 /// Returns the largest sequence number up to which no chunk of the stream is missing and the caller has answered all
 /// messages. With `or_postponed`, messages with a postponed answer count as answered.
-std::uint32_t DeliveryClient::processed_up_to(const Object& object, std::uint32_t stream, bool or_postponed) const {
-  std::uint32_t received = streams_.at(stream).received();
+std::uint32_t DeliveryClient::processed_up_to(const Object& object, const Stream& stream, bool or_postponed) const {
+  std::uint32_t received = stream.received();
   for (const auto& [region, pending] : object.pending) {
     if (or_postponed && pending.postponed) continue;
-    if (pending.stream == stream) received = std::min(received, pending.last_sequence - 1);
+    if (pending.stream == stream.id) received = std::min(received, pending.last_sequence - 1);
   }
   return received;
 }
@@ -276,6 +297,7 @@ std::uint32_t DeliveryClient::processed_up_to(const Object& object, std::uint32_
 /// Measures the round trip, and records for which retired regions the serving host has echoed the retirement.
 void DeliveryClient::on_echo(Object& object, const Stream& stream, const BulkChunk& chunk, std::int64_t now_ns) {
   if (stream.host != object.host) return;
+  object.answered_ns = now_ns;
   if (object.measured_from_ns != 0 && chunk.epoch >= object.measured_epoch) {
     constexpr std::int64_t kSmoothing = 8;
     const std::int64_t round_trip_ns = now_ns - object.measured_from_ns;
@@ -313,7 +335,7 @@ std::optional<DeliveryClient::Message> DeliveryClient::assemble(Object& object, 
       ++counters_.stale;
       return std::nullopt;
     }
-    drop_partial(object, at);
+    drop_partial(object, object_id, at);
     at = object.partials.end();
   }
   if (at == object.partials.end()) {
@@ -326,13 +348,15 @@ std::optional<DeliveryClient::Message> DeliveryClient::assemble(Object& object, 
   if (partial.stream != chunk.stream) partial.last_sequence = 0;
   partial.stream = chunk.stream;
   partial.last_sequence = std::max(partial.last_sequence, chunk.sequence);
+  partials_by_age_.erase({partial.received_ns, object_id, piece.region});
+  partials_by_age_.insert({now_ns, object_id, piece.region});
   partial.received_ns = now_ns;
   if (partial.payloads.emplace(piece.index, piece.payload).second) {
     partial.bytes += piece.payload.size() + kPayloadOverhead;
     partial_bytes_ += piece.payload.size() + kPayloadOverhead;
   }
   if (partial.payloads.size() < partial.piece_count) {
-    if (partial_bytes_ > settings_.max_partial_bytes) limit_partials(now_ns);
+    limit_partials(now_ns);
     return std::nullopt;
   }
   return complete(object, object_id, chunk.kind(), at);
@@ -343,7 +367,7 @@ std::optional<DeliveryClient::Message> DeliveryClient::complete(Object& object, 
                                                                 std::map<std::uint32_t, Partial>::iterator at) {
   const Partial& partial = at->second;
   if (partial.epoch < object.released_epoch) {
-    drop_partial(object, at);
+    drop_partial(object, object_id, at);
     ++counters_.stale;
     return std::nullopt;
   }
@@ -354,7 +378,7 @@ std::optional<DeliveryClient::Message> DeliveryClient::complete(Object& object, 
   }
   const Pending pending{partial.stream, partial.epoch, partial.last_sequence, false};
   const std::uint32_t checksum = partial.checksum;
-  drop_partial(object, at);
+  drop_partial(object, object_id, at);
   if (checksum_of(message.bytes) != checksum) {
     ++counters_.corrupt;
     return std::nullopt;
@@ -364,28 +388,23 @@ std::optional<DeliveryClient::Message> DeliveryClient::complete(Object& object, 
   return message;
 }
 
-void DeliveryClient::drop_partial(Object& object, std::map<std::uint32_t, Partial>::iterator at) {
+void DeliveryClient::drop_partial(Object& object, std::uint64_t object_id,
+                                  std::map<std::uint32_t, Partial>::iterator at) {
   partial_bytes_ -= at->second.bytes;
+  partials_by_age_.erase({at->second.received_ns, object_id, at->first});
   object.partials.erase(at);
 }
 
 /// Drops incomplete messages without a new piece for `partial_timeout_ns`. Then drops those without a new piece for
-/// longest, until the others fit into `max_partial_bytes`.
+/// longest, until the others fit into `max_partials` and `max_partial_bytes`.
 void DeliveryClient::limit_partials(std::int64_t now_ns) {
-  for (;;) {
-    Object* object_of_oldest = nullptr;
-    std::map<std::uint32_t, Partial>::iterator oldest;
-    for (auto& [object_id, object] : objects_) {
-      for (auto at = object.partials.begin(); at != object.partials.end(); ++at) {
-        if (object_of_oldest != nullptr && oldest->second.received_ns <= at->second.received_ns) continue;
-        object_of_oldest = &object;
-        oldest = at;
-      }
-    }
-    if (object_of_oldest == nullptr) return;
-    const bool expired = now_ns - oldest->second.received_ns >= settings_.partial_timeout_ns;
-    if (!expired && partial_bytes_ <= settings_.max_partial_bytes) return;
-    drop_partial(*object_of_oldest, oldest);
+  while (!partials_by_age_.empty()) {
+    const auto [received_ns, object_id, region] = *partials_by_age_.begin();
+    const bool expired = now_ns - received_ns >= settings_.partial_timeout_ns;
+    const bool fit = partials_by_age_.size() <= settings_.max_partials && partial_bytes_ <= settings_.max_partial_bytes;
+    if (!expired && fit) return;
+    Object& object = objects_.at(object_id);
+    drop_partial(object, object_id, object.partials.find(region));
   }
 }
 
@@ -469,7 +488,8 @@ std::vector<std::uint32_t> DeliveryClient::take_released(std::uint64_t object_id
   std::vector<std::uint32_t> released;
   if (object.retiring.empty()) return released;
   const bool served = object.host != 0;
-  const std::uint32_t received = served ? processed_up_to(object, stream_from(object.host, object_id), true) : 0;
+  const Stream* const stream = find_stream(object.host, object_id);
+  const std::uint32_t received = stream != nullptr ? processed_up_to(object, *stream, true) : 0;
   for (auto at = object.retiring.begin(); at != object.retiring.end();) {
     const Retiring& retiring = at->second;
     const bool echo_processed = retiring.echo_sequence != 0 && retiring.echo_sequence <= received;
@@ -488,21 +508,33 @@ std::vector<std::uint32_t> DeliveryClient::take_released(std::uint64_t object_id
 }
 
 void DeliveryClient::choose_host(std::uint64_t object_id, Object& object, std::int64_t now_ns) {
-  const auto offers = [&](const Host& host) { return host.present && host.offers_object(object_id, object.digest); };
+  const auto can_serve = [&](const auto& entry) {
+    return entry.second.present && entry.second.find_offer(object_id, object.digest) != nullptr &&
+           find_stream(entry.first, object_id) != nullptr;
+  };
+  const auto is_live = [&](const Host& host) { return now_ns - host.heartbeat_ns < settings_.host_late_ns; };
   const auto current = hosts_.find(object.host);
-  const bool serving = object.host != 0 && current != hosts_.end() && offers(current->second);
-  if (serving && now_ns - current->second.heartbeat_ns < settings_.host_late_ns) return;
-  for (const auto& [id, host] : hosts_) {
-    if (!offers(host) || now_ns - host.heartbeat_ns >= settings_.host_late_ns) continue;
-    serve_from(object, id);
-    return;
+  const bool serving = object.host != 0 && current != hosts_.end() && can_serve(*current);
+  if (!is_answer_due(object)) object.answered_ns = now_ns;
+  const bool answers = now_ns - object.answered_ns < settings_.no_answer_ns;
+  if (serving && is_live(current->second) && answers) return;
+  // Begins with the host after the current one. So the client tries all hosts, even if several of them do not answer.
+  const auto is_replacement = [&](const auto& entry) {
+    return entry.first != object.host && can_serve(entry) && is_live(entry.second);
+  };
+  auto next = std::find_if(hosts_.upper_bound(object.host), hosts_.end(), is_replacement);
+  if (next == hosts_.end()) next = std::find_if(hosts_.begin(), hosts_.end(), is_replacement);
+  if (next != hosts_.end()) {
+    serve_from(object, next->first, now_ns);
+  } else if (!serving && object.host != 0) {
+    serve_from(object, 0, now_ns);
   }
-  if (!serving && object.host != 0) serve_from(object, 0);
 }
 
-void DeliveryClient::serve_from(Object& object, std::uint64_t host) {
+void DeliveryClient::serve_from(Object& object, std::uint64_t host, std::int64_t now_ns) {
   if (object.host != 0) ++counters_.host_changes;
   object.host = host;
+  object.answered_ns = now_ns;
   object.measured_from_ns = 0;
   for (auto& [region, retiring] : object.retiring) retiring.echo_sequence = 0;
   begin_epoch(object);
@@ -531,8 +563,9 @@ std::optional<Demand> DeliveryClient::demand(std::int64_t now_ns) {
   forget_hosts(now_ns);
   for (auto& [object_id, object] : objects_) {
     choose_host(object_id, object, now_ns);
-    if (object.host == 0) continue;
-    if (has_gap_to_report(streams_.at(stream_from(object.host, object_id)), now_ns)) {
+    Stream* const stream = find_stream(object.host, object_id);
+    if (stream == nullptr) continue;  // no host serves the object
+    if (has_gap_to_report(*stream, now_ns)) {
       begin_epoch(object);
       object.urgent = true;
     }
@@ -544,12 +577,12 @@ std::optional<Demand> DeliveryClient::demand(std::int64_t now_ns) {
     if (object.has_been_sent && !is_changed && !is_repetition && since < settings_.keep_alive_ns) continue;
     if (is_repetition) begin_epoch(object);  // a new epoch makes the host answer again
     object.repetitions = is_changed ? 0 : object.repetitions + 1;
-    return make_demand(object_id, object, now_ns);
+    return make_demand(object_id, object, *stream, now_ns);
   }
   return std::nullopt;
 }
 
-Demand DeliveryClient::make_demand(std::uint64_t object_id, Object& object, std::int64_t now_ns) {
+Demand DeliveryClient::make_demand(std::uint64_t object_id, Object& object, Stream& stream, std::int64_t now_ns) {
   published_credit_limit_ = credit_limit_;
   if (object.changed && object.measured_from_ns == 0) {
     object.measured_epoch = object.epoch;
@@ -581,9 +614,9 @@ Demand DeliveryClient::make_demand(std::uint64_t object_id, Object& object, std:
     if (object.have.count(wanted.region) != 0 || object.retiring.count(wanted.region) != 0) continue;
     demand.wanted.push_back(wanted);
   }
-  demand.stream = stream_from(object.host, object_id);
-  demand.received = processed_up_to(object, demand.stream, false);
-  report_gaps(object, streams_.at(demand.stream), demand, now_ns);
+  demand.stream = stream.id;
+  demand.received = processed_up_to(object, stream, false);
+  report_gaps(object, stream, demand, now_ns);
   Host& host = hosts_.at(object.host);
   demand.arrivals = std::exchange(host.arrivals, 0);
   demand.one_way_us = host.one_way_us;
@@ -594,7 +627,7 @@ Demand DeliveryClient::make_demand(std::uint64_t object_id, Object& object, std:
 }
 
 DeliveryClient::Sizes DeliveryClient::sizes() const noexcept {
-  Sizes sizes{hosts_.size(), 0, streams_.size(), objects_.size()};
+  Sizes sizes{hosts_.size(), 0, streams_.size(), objects_.size(), partials_by_age_.size()};
   for (const auto& [id, host] : hosts_) sizes.offers += host.offers.size();
   return sizes;
 }

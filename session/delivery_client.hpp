@@ -24,6 +24,10 @@
 /// epoch reports it. A chunk of that epoch or a later one shows that the host has received the report, so the client
 /// forgets the gap. If a demand or its answer is lost, the client repeats the demand.
 ///
+/// Chunks are accepted only from hosts that offer the object with the digest that the client has opened. Keys can
+/// restrict a host to some objects. A chunk names no object, so only the stream and the offer show that its host may
+/// serve the object.
+///
 /// A chunk whose sequence or sending time is implausible (session/sequence_window.hpp) is dropped. Otherwise the next
 /// demand would report all chunks up to a wrong sequence as lost.
 ///
@@ -35,6 +39,7 @@
 #include <map>
 #include <optional>
 #include <set>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -54,6 +59,10 @@ struct DeliverySettings {
   std::int64_t repeat_ns = 20'000'000;
   std::int64_t keep_alive_ns = 500'000'000;  ///< period of unchanged demands
   std::int64_t host_late_ns = 250'000'000;   ///< silence after which another host is chosen if one offers the object
+  /// Time without a chunk, while an answer is due, after which another host is chosen if one offers the object. The
+  /// client repeats the demand about 250 times in 5 s, so lost samples do not explain a longer silence. Failures of
+  /// programs and links show sooner, in the heartbeats.
+  std::int64_t no_answer_ns = 5'000'000'000;
   /// Time after which the offers of an absent host are dropped. It is longer than the DDS lease: for DDS, a host that
   /// returns within the lease is the same writer, so DDS does not deliver its catalogue again.
   std::int64_t forget_host_ns = 10'000'000'000;
@@ -63,6 +72,10 @@ struct DeliverySettings {
   std::uint32_t max_credit = kMaxCredit;      ///< max credit; the credit grows with rate and round trip
   std::size_t max_partial_bytes = 64u << 20;  ///< max bytes of incomplete messages; above it the messages
                                               ///< without a new piece for longest are dropped
+  /// Max number of incomplete messages; above it the messages without a new piece for longest are dropped. A chunk
+  /// begins at most one message that it does not complete, and 8 MiB of max credit are 6000 chunks. So the bound holds
+  /// the messages of two hosts.
+  std::size_t max_partials = 16'384;
 };
 
 class DeliveryClient {
@@ -139,9 +152,10 @@ class DeliveryClient {
   [[nodiscard]] double rate() const noexcept { return rate_; }
   /// Participant id of the host that serves the object; 0: none.
   [[nodiscard]] std::uint64_t serving_host(std::uint64_t object_id) const;
-  /// Numbers of stored entries. They decrease when hosts are forgotten and objects are closed.
+  /// Numbers of stored entries. They decrease when hosts are forgotten, objects are closed, and messages are completed
+  /// or dropped.
   struct Sizes {
-    std::size_t hosts = 0, offers = 0, streams = 0, objects = 0;
+    std::size_t hosts = 0, offers = 0, streams = 0, objects = 0, partials = 0;
   };
   [[nodiscard]] Sizes sizes() const noexcept;
   /// Bytes of incomplete messages, at most `max_partial_bytes`.
@@ -151,7 +165,8 @@ class DeliveryClient {
     std::uint64_t chunks = 0;
     std::uint64_t payload_bytes = 0;
     std::uint64_t messages = 0;
-    std::uint64_t foreign = 0;       ///< chunks of an unknown stream or a future epoch, and malformed chunks
+    std::uint64_t foreign = 0;       ///< chunks of an unknown stream, a host without the object, a future epoch or a
+                                     ///< region outside the model, and malformed chunks
     std::uint64_t implausible = 0;   ///< chunks with a sequence or sending time outside its window
     std::uint64_t stale = 0;         ///< pieces that are no longer needed, and messages that rely on released regions
     std::uint64_t corrupt = 0;       ///< messages with a wrong checksum
@@ -170,21 +185,25 @@ class DeliveryClient {
       std::int64_t detected_ns;
       std::uint32_t reported_epoch;  // epoch of the first demand that reported the gap; 0: none
     };
+    std::uint32_t id = 0;
     std::uint64_t host = 0, object_id = 0;
     SequenceWindow numbers{kChunkNumbers};
     std::uint32_t newest = 0;           // largest sequence received
     std::map<std::uint32_t, Gap> gaps;  // below `newest`, by first number
     [[nodiscard]] std::uint32_t received() const noexcept { return gaps.empty() ? newest : gaps.begin()->first - 1; }
   };
+  struct Offer {
+    std::uint64_t digest = 0;
+    std::uint32_t regions = 0;  // of the model
+  };
   struct Host {
     bool present = false;
-    std::int64_t heartbeat_ns = 0;  // arrival of the last heartbeat, earlier after a suspicion
-    std::int64_t absent_ns = 0;     // when forget_hosts first found the host absent; 0: not yet
-    std::uint64_t incarnation = 0;
-    std::int64_t incarnation_ns = 0;  // arrival of the first heartbeat of `incarnation`
-    // (object, incarnation) -> digest
-    std::map<std::pair<std::uint64_t, std::uint64_t>, std::uint64_t> offers;
-    [[nodiscard]] bool offers_object(std::uint64_t object, std::uint64_t digest) const;
+    std::int64_t heartbeat_ns = 0;             // arrival of the last heartbeat, earlier after a suspicion
+    std::int64_t absent_ns = 0;                // when forget_hosts first found the host absent; 0: not yet
+    std::optional<std::uint64_t> incarnation;  // none before the first heartbeat
+    std::int64_t incarnation_ns = 0;           // arrival of the first heartbeat of `incarnation`
+    std::map<std::pair<std::uint64_t, std::uint64_t>, Offer> offers;  // by object and incarnation
+    [[nodiscard]] const Offer* find_offer(std::uint64_t object, std::uint64_t digest) const;
     std::uint32_t arrivals = 0, one_way_us = 0;  // for the fields of Demand with these names
     WrappedTimeWindow times;
   };
@@ -227,6 +246,7 @@ class DeliveryClient {
     bool urgent = false;               // the next demand has a new region that is wanted soon, or a gap to report
     bool has_been_sent = false;        // a demand for this object has been published
     std::int64_t sent_ns = 0;          // when the last demand was published
+    std::int64_t answered_ns = 0;      // when the serving host last sent a chunk, or no answer was due
     unsigned repetitions = 0;          // of the last changed demand
     // The demand whose round trip is being measured.
     std::uint32_t measured_epoch = 0;
@@ -236,27 +256,27 @@ class DeliveryClient {
   void begin_epoch(Object& object);
   void begin_streams(std::uint64_t host, std::uint64_t incarnation);
   void begin_stream(std::uint64_t host, std::uint64_t object_id);
-  [[nodiscard]] std::uint32_t stream_from(std::uint64_t host, std::uint64_t object_id) const;
+  [[nodiscard]] Stream* find_stream(std::uint64_t host, std::uint64_t object_id);
   void track_gaps(Stream& stream, const BulkChunk& chunk, std::int64_t now_ns) const;
   [[nodiscard]] bool has_gap_to_report(const Stream& stream, std::int64_t now_ns) const;
   void report_gaps(Object& object, Stream& stream, Demand& demand, std::int64_t now_ns);
-  [[nodiscard]] std::uint32_t processed_up_to(const Object& object, std::uint32_t stream, bool or_postponed) const;
+  [[nodiscard]] std::uint32_t processed_up_to(const Object& object, const Stream& stream, bool or_postponed) const;
   void on_echo(Object& object, const Stream& stream, const BulkChunk& chunk, std::int64_t now_ns);
   [[nodiscard]] std::optional<Message> assemble(Object& object, std::uint64_t object_id, const BulkChunk& chunk,
                                                 const BulkPiece& piece, std::int64_t now_ns);
   [[nodiscard]] std::optional<Message> complete(Object& object, std::uint64_t object_id, BulkKind kind,
                                                 std::map<std::uint32_t, Partial>::iterator at);
-  void drop_partial(Object& object, std::map<std::uint32_t, Partial>::iterator at);
+  void drop_partial(Object& object, std::uint64_t object_id, std::map<std::uint32_t, Partial>::iterator at);
   void limit_partials(std::int64_t now_ns);
   void forget_hosts(std::int64_t now_ns);
   void end_streams(std::uint64_t host);
   void choose_host(std::uint64_t object_id, Object& object, std::int64_t now_ns);
-  void serve_from(Object& object, std::uint64_t host);
+  void serve_from(Object& object, std::uint64_t host, std::int64_t now_ns);
   void measure_rate(std::size_t bytes, std::int64_t now_ns);
   [[nodiscard]] std::uint32_t credit() const;
   [[nodiscard]] bool is_answer_due(const Object& object) const;
   [[nodiscard]] std::int64_t repetition_interval_ns(const Object& object) const;
-  [[nodiscard]] Demand make_demand(std::uint64_t object_id, Object& object, std::int64_t now_ns);
+  [[nodiscard]] Demand make_demand(std::uint64_t object_id, Object& object, Stream& stream, std::int64_t now_ns);
 
   Origin self_;
   DeliverySettings settings_;
@@ -265,6 +285,8 @@ class DeliveryClient {
   std::map<std::uint32_t, Stream> streams_;  // by stream_id
   std::uint32_t last_epoch_ = 0;  // largest epoch of closed objects; an object that is opened again continues there
   std::size_t partial_bytes_ = 0;
+  // All incomplete messages, oldest first: Partial::received_ns, object, region.
+  std::set<std::tuple<std::int64_t, std::uint64_t, std::uint32_t>> partials_by_age_;
   std::int64_t round_trip_ns_ = 0;
   std::uint64_t credit_limit_ = ~std::uint64_t{0}, published_credit_limit_ = 0;
   struct Published {

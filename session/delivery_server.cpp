@@ -135,12 +135,13 @@ DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand, std
   service.echo_pending = service.echo_pending || !service.serving || demand.epoch != service.demand.epoch;
   const bool was_serving = service.serving;
   service.serving = true;
-  const Demand before = std::exchange(service.demand, demand);
+  Demand before = std::exchange(service.demand, demand);
   if (demand.stream != service.stream) service.demand.received = service.demand.newest = 0;
   // The record of a stream that the HRTC still uses may have been deleted.
   if (service.sequence == 0) service.sequence = service.demand.newest;
   apply_receipt(state, service, now_ns);
-  compare(state, service, object->second, was_serving ? &before.have : nullptr);
+  if (was_serving && !service.compare_due) service.compared_have = std::move(before.have);
+  service.compare_due = true;
   return DemandResult::kApplied;
 }
 
@@ -182,11 +183,13 @@ void DeliveryServer::add_covered_records(Service& service, const Object& object,
                       std::clamp(kMaxTotal / std::max<std::size_t>(services, 1), kMin, kMax));
 }
 
-/// Updates the messages, the covered records and the regions to send from the newest demand. `previous`: Demand::have
-/// of the previous demand; null: no such demand. If the new demand still has all these regions, and no message was
-/// refused or has a lost piece, the covered records are extended; otherwise they are computed anew.
-void DeliveryServer::compare(HrtcState& state, Service& service, const Object& object,
-                             const std::vector<spm::Interval>* previous) {
+/// Updates the messages, the covered records and the regions to send from the newest demand. If this demand still has
+/// all regions of the demand that was compared before, and no message was refused or has a lost piece, the covered
+/// records are extended; otherwise they are computed anew.
+void DeliveryServer::compare(HrtcState& state, Service& service, const Object& object) {
+  service.compare_due = false;
+  const std::optional<std::vector<spm::Interval>> previous = std::exchange(service.compared_have, std::nullopt);
+  count(state, [](DeliveryCounters& c) { ++c.comparisons; });
   const Demand& demand = service.demand;
   bool refused = false;
   const auto wanted = [&](const Message& message) {
@@ -211,7 +214,7 @@ void DeliveryServer::compare(HrtcState& state, Service& service, const Object& o
   erase_if(has_ended);
 
   const bool only_added =
-      previous != nullptr && contains_all(demand.have, *previous) && !refused && first_lost(service) == nullptr;
+      previous && contains_all(demand.have, *previous) && !refused && first_lost(service) == nullptr;
   if (!only_added) service.covered.clear();
   for (const spm::Interval& interval : demand.have) {
     for (std::uint32_t region = interval.first; region != end_of(interval); ++region) {
@@ -324,6 +327,8 @@ std::optional<Outgoing> DeliveryServer::next(std::int64_t now_ns, const CanSend&
 }
 
 std::optional<Outgoing> DeliveryServer::next(std::uint64_t hrtc, HrtcState& state, std::int64_t now_ns) {
+  for (auto& [object_id, service] : state.services)
+    if (service.compare_due) compare(state, service, objects_.at(object_id));
   std::optional<std::uint64_t> soonest;
   std::uint32_t contact_in_us = 0;
   for (auto& [object_id, service] : state.services) {

@@ -64,12 +64,13 @@ struct DeliveryCounters {
   std::uint64_t regions = 0;           ///< regions sent completely
   std::uint64_t records = 0;           ///< records in these regions
   std::uint64_t messages_dropped = 0;  ///< messages cancelled after a newer demand
+  std::uint64_t comparisons = 0;       ///< demands whose regions were compared with those sent
 };
 
 class DeliveryServer {
  public:
-  /// `self`: session, participant and incarnation of all chunks. `chunk_bytes`: max encoded size of the pieces of a chunk,
-  /// at most kMaxPayload; smaller if messages need bytes for their protection (wire::Participants::chunk_bytes).
+  /// `self`: session, participant and incarnation of all chunks. `chunk_bytes`: max encoded size of the pieces of a
+  /// chunk, at most kMaxPayload; smaller if messages need bytes for their protection (wire::Participants::chunk_bytes).
   explicit DeliveryServer(const Origin& self, std::size_t chunk_bytes = kMaxPayload);
 
   /// The data that `model` borrows must outlive the server.
@@ -85,7 +86,9 @@ class DeliveryServer {
     kMalformed,   ///< intervals out of order, or regions that the model does not have
     kImplausible  ///< incarnation, epoch or time outside its window (session/sequence_window.hpp)
   };
-  /// Applies a demand if it is newer than the previous ones of this HRTC for this object.
+  /// Applies a demand if it is newer than the previous ones of this HRTC for this object. Leaves the comparison of its
+  /// regions to `next`, which compares only the newest demand. So many demands between two calls of `next` cost one
+  /// comparison.
   DemandResult on_demand(const Demand& demand, std::int64_t now_ns);
 
   /// Drops the state of this HRTC except the last sequence of each of its streams. If the same incarnation returns, its
@@ -141,6 +144,9 @@ class DeliveryServer {
     SequenceWindow epochs{kEpochNumbers};
     bool serving = false;       // the newest demand names this host as Demand::serving_host
     bool echo_pending = false;  // no chunk has carried the epoch of the newest demand yet
+    bool compare_due = false;   // the newest demand has not been compared yet
+    // Demand::have of the last compared demand, while `compare_due`. None if `serving` became true after that demand.
+    std::optional<std::vector<spm::Interval>> compared_have;
     std::uint32_t stream = 0;
     std::uint32_t sequence = 0;      // of the last chunk
     std::int64_t tail_probe_ns = 0;  // time of the next tail loss probe
@@ -171,7 +177,7 @@ class DeliveryServer {
   [[nodiscard]] bool well_formed(const Demand& demand, const spm::ModelSummary& summary) const;
   void record_sequences(const HrtcState& state);
   void apply_receipt(HrtcState& state, Service& service, std::int64_t now_ns);
-  void compare(HrtcState& state, Service& service, const Object& object, const std::vector<spm::Interval>* previous);
+  void compare(HrtcState& state, Service& service, const Object& object);
   void add_covered_records(Service& service, const Object& object, std::uint32_t region) const;
   [[nodiscard]] static Message* first_lost(Service& service, std::size_t free_bytes = kMaxPayload);
   [[nodiscard]] static std::optional<std::uint32_t> urgency(Service& service);

@@ -12,6 +12,9 @@ std::int64_t lease_time_ns(const OwnershipSettings& settings, std::int64_t trans
   return settings.lease_ns + 2 * std::clamp<std::int64_t>(transit_ns, 0, kMaxTransitNs);
 }
 
+/// Number from which a host counts its fencing numbers. A clock does not reach the bound, but a damaged state file may.
+std::uint64_t first_fencing(const Origin& host) noexcept { return std::min(host.incarnation, 2 * kMaxFollowedFencing); }
+
 template <class List, class ParticipantOf>
 auto find_participant(List& list, std::uint64_t participant, ParticipantOf participant_of) {
   return std::find_if(list.begin(), list.end(),
@@ -26,7 +29,7 @@ OwnershipArbiter::OwnershipArbiter(const Origin& self, std::uint64_t object_id, 
       object_id_{object_id},
       settings_{settings},
       first_grant_ns_{now_ns + settings.lease_ns},
-      fencing_window_{kFencingNumbers, self.incarnation, now_ns} {}
+      fencing_window_{kHostFencingNumbers, first_fencing(self), now_ns} {}
 
 void OwnershipArbiter::stand_by() noexcept {
   first_grant_ns_ = kNever;
@@ -38,7 +41,7 @@ void OwnershipArbiter::stand_by() noexcept {
 void OwnershipArbiter::raise_fencing(std::int64_t now_ns) {
   if (!is_granting_) return;
   // Larger than any number that this host may have granted in an earlier incarnation.
-  fencing_ = std::max(fencing_, self_.incarnation) + 1;
+  fencing_ = std::max(fencing_, first_fencing(self_)) + 1;
   (void)fencing_window_.admit(fencing_, now_ns);
   fencing_changed_ = true;
   channel_delay_ns_ = 0;
@@ -168,7 +171,7 @@ void Claimant::on_grant(const ObjectGrant& grant, std::int64_t now_ns) {
   // Two hosts granted the same fencing number. The grant of the second host is refused, and the next claim carries a
   // larger number, so that the hosts then grant a larger one.
   if (same_fencing && grant.origin.incarnation != granted_.origin.incarnation) {
-    (void)admit_fencing(grant.fencing + 1, now_ns);
+    if (grant.fencing < UINT64_MAX) (void)admit_fencing(grant.fencing + 1, now_ns);
     return;
   }
   if (!same_fencing) grant_window_ = SequenceWindow{kClaimNumbers};

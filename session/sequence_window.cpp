@@ -31,8 +31,8 @@ Admission SequenceWindow::start(std::uint64_t number, std::int64_t now_ns, bool 
 Admission SequenceWindow::admit(std::uint64_t number, std::int64_t now_ns) noexcept {
   if (!started_) return start(number, now_ns, false);
   const bool next = is_successor(number, newest_, now_ns - newest_ns_);
-  const bool overtaken =
-      !next && number <= newest_ && (newest_ - number <= limits_.max_ahead || (confirmed_ && !limits_.falls));
+  const bool never_decreases = confirmed_ && !limits_.falls && newest_ <= kMaxFollowedFencing;
+  const bool overtaken = !next && number <= newest_ && (newest_ - number <= limits_.max_ahead || never_decreases);
   if ((next || overtaken) && limits_.falls) outside_count_ = 0;
   if (overtaken) return Admission::kOld;
   if (next) {
@@ -40,6 +40,7 @@ Admission SequenceWindow::admit(std::uint64_t number, std::int64_t now_ns) noexc
     return Admission::kAccepted;
   }
   if (!confirmed_) return start(number, now_ns, false);
+  if (number > std::max(newest_, limits_.max_jump)) return Admission::kImplausible;
   const bool repeated = outside_count_ > 0 && number == outside_ && !limits_.repeats;
   if (repeated) return Admission::kImplausible;
   const std::int64_t passed_ns = now_ns - outside_ns_;

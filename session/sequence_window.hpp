@@ -49,8 +49,15 @@ struct SequenceLimits {
       64;                ///< max growth between two samples that arrive at the same time, after losses and jitter
   double rate = 1000;    ///< 1/s, max further growth
   bool repeats = false;  ///< an equal number is accepted, because several samples carry one number (an epoch)
-  bool falls = true;     ///< false: after a confirmed number, a smaller one is never accepted (fencing)
+  bool falls = true;     ///< false: a confirmed number up to kMaxFollowedFencing never decreases (fencing)
+  std::uint64_t max_jump = UINT64_MAX;  ///< max number to which a confirmed window moves after kAgreeing samples
 };
+
+/// The largest fencing number to which samples of other programs can move a host. Hosts count up from their
+/// incarnations, times in ns since 1970, and reach this number in the year 2116. From there to the end of the range,
+/// the largest growth inside a window takes thousands of years. Other receivers move up to twice this number, so they
+/// follow every host. No host follows them above this number, so there a fencing number may decrease again.
+inline constexpr std::uint64_t kMaxFollowedFencing = std::uint64_t{1} << 62;
 
 // A wrong number inside the window makes a receiver refuse correct samples until their numbers are larger. At the
 // topic's highest rate this takes about a quarter of a second, for heartbeats 0.4 s (decision 34).
@@ -60,7 +67,8 @@ inline constexpr SequenceLimits kClaimNumbers{16, 200};           ///< claims an
 inline constexpr SequenceLimits kHeartbeatNumbers{4, 100, true};  ///< of roster entries
 inline constexpr SequenceLimits kEpochNumbers{16, 1000, true};    ///< of demands
 inline constexpr SequenceLimits kChunkNumbers{8192, 200'000};     ///< of a stream: 8 MiB of max credit, 1 Gbit/s
-inline constexpr SequenceLimits kFencingNumbers{1024, 1000, true, false};  ///< of an object
+inline constexpr SequenceLimits kFencingNumbers{1024, 1000, true, false, 2 * kMaxFollowedFencing};  ///< of an object
+inline constexpr SequenceLimits kHostFencingNumbers{1024, 1000, true, false, kMaxFollowedFencing};  ///< in its host
 
 /// Admits the numbers of one sender.
 class SequenceWindow {

@@ -7,7 +7,7 @@ namespace {
 
 bool stands(const StopRecord& record) noexcept { return record.stop > record.ended; }
 
-bool has_stop(const StopRecord& record) noexcept { return record.stop != 0 || record.ended != 0; }
+bool has_stop(const StopRecord& record) noexcept { return record.stop != 0; }
 bool has_reset(const StopRecord& record) noexcept { return record.reset != 0; }
 
 template <class Records>
@@ -38,16 +38,15 @@ StopRecord& StopLatch::find_or_add(std::uint64_t participant, std::uint64_t inca
   return known != nullptr ? *known : records_.emplace_back(StopRecord{participant, incarnation, 0, 0, 0});
 }
 
-/// Returns the record for the stops of another issuer. If it is new and none is free, drops a stop that is not one of
-/// `named`; with null it drops none. Returns null if no record becomes free.
-StopRecord* StopLatch::find_or_add_stop(const StopName& stop, const std::vector<StopName>* named) {
+/// Returns the record for the stops of another issuer. If it is new and none is free, drops a stop that does not stand.
+/// Returns null if no record becomes free.
+StopRecord* StopLatch::find_or_add_stop(const StopName& stop) {
   StopRecord* const known = find(stop.participant, stop.incarnation);
   if (known != nullptr && has_stop(*known)) return known;
   const auto used = std::count_if(records_.begin(), records_.end(), [this](const StopRecord& record) {
     return has_stop(record) && !is_own(record.participant, record.incarnation);
   });
-  if (used >= static_cast<std::ptrdiff_t>(kMaxStopIssuers) && (named == nullptr || !drop_a_stop(*named)))
-    return nullptr;
+  if (used >= static_cast<std::ptrdiff_t>(kMaxStopIssuers) && !drop_a_stop()) return nullptr;
   return &find_or_add(stop.participant, stop.incarnation);
 }
 
@@ -59,12 +58,9 @@ StopRecord& StopLatch::find_or_add_reset(const Origin& issuer) {
   return find_or_add(issuer.participant, issuer.incarnation);
 }
 
-bool StopLatch::drop_a_stop(const std::vector<StopName>& named) {
-  const auto oldest = std::find_if(records_.begin(), records_.end(), [&](const StopRecord& record) {
-    return has_stop(record) && !stands(record) && !is_own(record.participant, record.incarnation) &&
-           std::none_of(named.begin(), named.end(), [&](const StopName& name) {
-             return name.participant == record.participant && name.incarnation == record.incarnation;
-           });
+bool StopLatch::drop_a_stop() {
+  const auto oldest = std::find_if(records_.begin(), records_.end(), [this](const StopRecord& record) {
+    return has_stop(record) && !stands(record) && !is_own(record.participant, record.incarnation);
   });
   if (oldest == records_.end()) return false;
   oldest->stop = oldest->ended = 0;
@@ -100,10 +96,9 @@ void StopLatch::issue_stop() {
 bool StopLatch::on_stop(const StopName& stop) {
   if (stop.number == 0 || is_own(stop.participant, stop.incarnation))
     return false;  // only this program issues its stops
-  const std::vector<StopName> none;
-  StopRecord* const record = find_or_add_stop(stop, &none);
+  StopRecord* const record = find_or_add_stop(stop);
   if (record == nullptr) return raise_own_stop();
-  const bool is_new = stop.number > record->stop && stop.number > record->ended;
+  const bool is_new = stop.number > record->stop;
   raise(record->stop, stop.number);
   return is_new;
 }
@@ -113,13 +108,12 @@ bool StopLatch::on_reset(const ForceReset& reset) {
   const StopRecord* const before = find(reset.origin.participant, reset.origin.incarnation);
   const bool is_new = before == nullptr || reset.number > before->reset;
   for (const StopName& stop : reset.stops) {
+    StopRecord* const record = find(stop.participant, stop.incarnation);
+    if (record == nullptr) continue;  // if the stop arrives later, it will be in force
     const bool own = is_own(stop.participant, stop.incarnation);
-    // A repeated reset drops no records. Otherwise two senders with many stops would drop each other's in turn.
-    StopRecord* const record =
-        own ? find(stop.participant, stop.incarnation) : find_or_add_stop(stop, is_new ? &reset.stops : nullptr);
-    if (record == nullptr) continue;                  // if the stop arrives later, it will be in force
     if (own && stop.number > record->stop) continue;  // the reset names a stop that this program has not issued
-    raise(record->ended, stop.number);
+    // A larger number would end stops that their issuer has not issued yet.
+    raise(record->ended, std::min(stop.number, record->stop));
   }
   StopRecord& from = find_or_add_reset(reset.origin);
   raise(from.reset, reset.number);
@@ -162,7 +156,8 @@ std::vector<StopName> standing_stops(const Roster& roster) {
 
 bool acknowledges(const RosterEntry& entry, const EmergencyStop& stop) {
   const auto record = find_in(entry.stops, stop.origin.participant, stop.origin.incarnation);
-  if (record != entry.stops.end() && record->stop >= stop.number) return true;
+  // A program ends only stops that it has received. One with a larger `ended` would ignore later stops.
+  if (record != entry.stops.end() && record->stop >= stop.number && record->ended <= record->stop) return true;
   // If the program had no free record for the stop, it has issued a stop of its own instead.
   const auto own = find_in(entry.stops, entry.origin.participant, entry.origin.incarnation);
   return own != entry.stops.end() && stands(*own);

@@ -14,9 +14,12 @@
 ///
 /// The name of a stop is its issuer, the issuer's incarnation and a growing number. A later stop of an issuer replaces
 /// its earlier ones, and a reset that names a stop also ends the earlier ones of that issuer. So the stops of an
-/// issuer are described by two numbers that only grow, and neither order nor repetition of samples matters. A stop
-/// stands while its number is larger than the largest that a reset has named. A reset may arrive before the stop that
-/// it names.
+/// issuer are described by two numbers that only grow: the newest stop, and the newest stop that a reset has ended. A
+/// stop stands while its number is larger than the second one.
+///
+/// A reset ends only stops that the program has received, because a reset with a larger number must not disable later
+/// stops in advance. A stop that arrives after the reset that names it stands until a reset names it again. The sender
+/// repeats its reset as long as a stop that it names stands at any program.
 ///
 /// No DDS and no clock; one thread at a time.
 #pragma once
@@ -48,8 +51,8 @@ class StopLatch {
 
   /// Applies a stop. Returns true when the stop is new and stands.
   bool on_stop(const StopName& stop);
-  /// Issues a stop of this program. A reset that was sent before does not end it, even if an earlier stop of this program
-  /// stands.
+  /// Issues a stop of this program. A reset that was sent before does not end it, even if an earlier stop of this
+  /// program stands.
   void issue_stop();
   /// Applies a reset. Returns true when the reset is new. A repeated reset only ends stops that it names and that were
   /// received again after their records were dropped, so a fault since the first one stays latched.
@@ -70,9 +73,9 @@ class StopLatch {
   [[nodiscard]] bool is_own(std::uint64_t participant, std::uint64_t incarnation) const noexcept;
   [[nodiscard]] StopRecord* find(std::uint64_t participant, std::uint64_t incarnation) noexcept;
   [[nodiscard]] StopRecord& find_or_add(std::uint64_t participant, std::uint64_t incarnation);
-  [[nodiscard]] StopRecord* find_or_add_stop(const StopName& stop, const std::vector<StopName>* named);
+  [[nodiscard]] StopRecord* find_or_add_stop(const StopName& stop);
   [[nodiscard]] StopRecord& find_or_add_reset(const Origin& issuer);
-  [[nodiscard]] bool drop_a_stop(const std::vector<StopName>& named);
+  [[nodiscard]] bool drop_a_stop();
   void drop_a_reset();
   bool raise_own_stop();
   void raise(std::uint32_t& number, std::uint32_t value) noexcept;

@@ -175,11 +175,14 @@ void ViewerCore::on_shown_regions(const session::ShownRegions& shown, std::int64
   if (hrtc == nullptr || hrtc->origin.incarnation != shown.origin.incarnation) return;
   if (objects_.count(shown.object_id) == 0) return;
   Shown& newest = shown_[{shown.origin.participant, shown.object_id}];
-  const bool is_older = newest.regions.origin.incarnation == shown.origin.incarnation &&
-                        shown.origin.time_ns <= newest.regions.origin.time_ns;
-  if (is_older) return;
+  if (newest.regions.origin.incarnation != shown.origin.incarnation) newest.times = {};
+  const session::Admission admission = newest.times.admit(shown.origin.time_ns, now_ns);
+  const bool is_older =
+      admission == session::Admission::kAccepted && shown.origin.time_ns <= newest.regions.origin.time_ns;
+  if (!session::accepted(admission) || is_older) return;
   if (newest.regions.mesh_hash != shown.mesh_hash || newest.received_ns == 0) ++metrics_number_;
-  newest = {shown, now_ns};
+  newest.regions = shown;
+  newest.received_ns = now_ns;
 }
 
 void ViewerCore::show_meshes_of(const std::string& hrtc) {

@@ -33,6 +33,7 @@
 #include "session/ownership.hpp"
 #include "session/periodic.hpp"
 #include "session/roster.hpp"
+#include "session/sequence_window.hpp"
 #include "session/stop_latch.hpp"
 #include "session/time_reference.hpp"
 #include "viewer/screen_refinement.hpp"
@@ -248,6 +249,7 @@ class ViewerCore {
   struct Shown {
     session::ShownRegions regions;  // newest
     std::int64_t received_ns = 0;
+    session::TimeWindow times;
   };
   std::map<std::pair<std::uint64_t, std::uint64_t>, Shown> shown_;  // by HRTC and object
   struct Loss {

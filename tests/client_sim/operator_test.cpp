@@ -157,6 +157,30 @@ std::vector<Body> bodies() {
   return {{"sphere", haptics::testing::sphere(0.1, 4)}, {"bumpy", haptics::testing::bumpy(0.1, 4, 0.08)}};
 }
 
+TEST(Operator, StoresRecentStatesOfABoundedNumberOfOtherUsers) {
+  Operator ann{user_with("      - wait: {seconds: 100}\n"), {}};
+  const auto receive_others = [&](std::uint64_t users) {
+    session::ProbeState other;
+    for (other.user_id = 1; other.user_id <= users; ++other.user_id) ann.on_other_probe_state(other);
+  };
+  const auto receive_own = [&](std::int64_t session_time_ns) {
+    session::ProbeState own;
+    own.user_id = session::id_of("ann");
+    own.session_time_ns = session_time_ns;
+    ann.on_probe_state(own);
+  };
+  receive_others(100'000);
+  EXPECT_EQ(ann.stored_others(), 256u);
+  receive_own(1'000'000'000);
+  EXPECT_EQ(ann.stored_others(), 0u);
+  receive_others(3);
+  receive_own(1'199'000'000);
+  EXPECT_EQ(ann.stored_others(), 3u);
+  receive_others(1);
+  receive_own(1'200'000'000);
+  EXPECT_EQ(ann.stored_others(), 1u) << "the states of two users are 200 ms old";
+}
+
 TEST(Operator, SendsNothingBeforeItsFirstProbeState) {
   Operator ann{user_with("      - wait: {seconds: 1}\n"), {}};
   EXPECT_FALSE(ann.tick(1'000'000'000, {}).has_value());

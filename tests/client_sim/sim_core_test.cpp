@@ -402,6 +402,20 @@ TEST(SimCore, AcceptsProbeStatesOnlyFromTheHrtcOfTheUser) {
   EXPECT_EQ(session.core.report().users[0].touch.states, 0u);
 }
 
+TEST(SimCore, StoresABoundedNumberOfFiguresOfAParticipant) {
+  SimulatedSession session{kTwoUsers};
+  session.add_host("host");
+  session.run(0.1);
+  for (int i = 0; i < 10'000; ++i)
+    session.core.on_metrics({session.origin("host"), {{"figure " + std::to_string(i), 1}}}, session.now);
+  session.core.on_metrics({session.origin("host"), {{"figure 0", 2}}}, session.now);
+
+  const std::vector<ParticipantReport> participants = session.core.report().participants;
+  ASSERT_EQ(participants.size(), 1u);
+  EXPECT_EQ(participants[0].figures.size(), 2 * session::kMaxFigures);
+  EXPECT_EQ(participants[0].figures.at("figure 0"), 2) << "stored figures are still updated";
+}
+
 TEST(SimCore, ReportsAHostThatLeavesAndReturns) {
   SimulatedSession session{kTwoUsers};
   session.add_host("host");

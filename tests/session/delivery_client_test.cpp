@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <array>
+#include <chrono>
 #include <functional>
 
 #include "tests/support/constants.hpp"
@@ -14,6 +16,7 @@ using testing::ElementsAre;
 using testing::IsEmpty;
 
 constexpr std::uint64_t kDigest = 99;
+constexpr std::uint32_t kRegions = 300'000;
 constexpr Origin kReceiver{kSession, kHrtc, 7, 0};
 
 class DeliveryClientTest : public testing::Test {
@@ -30,6 +33,7 @@ class DeliveryClientTest : public testing::Test {
     entry.origin = {kSession, host, 5, 0};
     entry.object_id = kObject;
     entry.summary.digest = kDigest;
+    entry.summary.regions = kRegions;
     return entry;
   }
 
@@ -54,6 +58,23 @@ class DeliveryClientTest : public testing::Test {
       chunk.pieces.push_back({region, i, count, checksum_of(bytes), {piece.begin(), piece.end()}});
     }
     return result;
+  }
+  /// Returns the first pieces of the messages of the regions below `count`, each with two pieces of one byte. A chunk
+  /// has 100 pieces.
+  std::vector<BulkChunk> first_pieces(std::uint32_t count) {
+    constexpr std::uint32_t kPiecesPerChunk = 100;
+    std::vector<BulkChunk> result;
+    for (std::uint32_t region = 0; region < count; ++region) {
+      if (region % kPiecesPerChunk == 0) result.push_back(echo());
+      result.back().pieces.push_back({region, 0, 2, checksum_of(kTwoBytes), {kTwoBytes[0]}});
+    }
+    return result;
+  }
+  /// Returns a chunk with the second piece of one of these messages.
+  BulkChunk second_piece(std::uint32_t region) {
+    BulkChunk chunk = echo();
+    chunk.pieces.push_back({region, 1, 2, checksum_of(kTwoBytes), {kTwoBytes[1]}});
+    return chunk;
   }
   BulkChunk echo() {
     BulkChunk chunk = chunks(spm::kNone, "", 1).at(0);
@@ -91,6 +112,15 @@ class DeliveryClientTest : public testing::Test {
     client_.answer_stored(kObject, region);
   }
 
+  /// Runs for `duration_ns` with heartbeats of `hosts`. In each step of 20 ms, the hosts receive the demands.
+  void run_with_heartbeats(const std::vector<std::uint64_t>& hosts, std::int64_t duration_ns) {
+    for (const std::int64_t end = now_ + duration_ns; now_ < end; now_ += 20 * kMs) {
+      for (const std::uint64_t host : hosts) client_.on_host_heartbeat(host, 5, now_);
+      while (const std::optional<Demand> demand = client_.demand(now_)) epoch_ = demand->epoch;
+    }
+  }
+
+  static constexpr std::array<std::uint8_t, 2> kTwoBytes{1, 2};
   std::int64_t now_ = 1'000 * kMs;
   std::uint32_t sequence_ = 0;
   std::uint32_t next_region_ = 100;
@@ -246,6 +276,7 @@ TEST_F(DeliveryClientTest, IgnoresForeignAndMalformedChunks) {
       },
       [](BulkChunk& chunk) { chunk.epoch += 100; },
       [](BulkChunk& chunk) { chunk.sender = kHost + 1; },
+      [](BulkChunk& chunk) { chunk.pieces[0].region = kRegions; },
       [](BulkChunk& chunk) { chunk.pieces[0].payload.resize(kMaxPayload + 1); }};
   for (const auto& vary : variations) {
     std::vector<BulkChunk> sent = chunks(4, "x", 1);
@@ -543,6 +574,150 @@ TEST_F(DeliveryClientTest, IncompleteMessagesStayWithinTheirBound) {
   EXPECT_EQ(client.partial_bytes(), 0u) << "no new chunk arrived within the timeout";
 }
 
+TEST_F(DeliveryClientTest, TheNumberOfIncompleteMessagesStaysWithinItsBound) {
+  const std::size_t max = DeliverySettings{}.max_partials;
+  const auto count = static_cast<std::uint32_t>(2 * max);
+  for (const BulkChunk& chunk : first_pieces(count)) {
+    (void)client_.on_chunk(chunk, now_ += kMs / 100);
+    ASSERT_LE(client_.sizes().partials, max);
+  }
+
+  EXPECT_EQ(client_.sizes().partials, max);
+  EXPECT_FALSE(receive({second_piece(0)})) << "the first pieces of the oldest messages were dropped";
+  EXPECT_TRUE(receive({second_piece(count - 1)}));
+}
+
+TEST_F(DeliveryClientTest, ManyIncompleteMessagesAreDroppedInAShortTime) {
+  using Clock = std::chrono::steady_clock;
+  constexpr std::uint32_t kCount = 200'000;
+  DeliverySettings settings;
+  settings.max_partials = kCount;
+  DeliveryClient client{kReceiver, settings};
+  client.on_catalogue(catalogue_entry(kHost));
+  client.on_host_heartbeat(kHost, 5, now_);
+  client.open(kObject, kDigest);
+  for (const BulkChunk& chunk : first_pieces(kCount)) (void)client.on_chunk(chunk, now_ += kMs / 10);
+  ASSERT_EQ(client.sizes().partials, kCount);
+
+  const Clock::time_point begin = Clock::now();
+  (void)client.demand(now_ + settings.partial_timeout_ns);
+
+  EXPECT_LT(Clock::now() - begin, std::chrono::seconds{2}) << "a search for the oldest among all takes minutes";
+  EXPECT_EQ(client.sizes().partials, 0u);
+  EXPECT_EQ(client.partial_bytes(), 0u);
+}
+
+TEST_F(DeliveryClientTest, AHostWithIncarnationZeroServesAnObject) {
+  for (const bool opens_first : {false, true}) {
+    sequence_ = 0;
+    DeliveryClient client{kReceiver, DeliverySettings{}};
+    if (opens_first) client.open(kObject, kDigest);
+    CatalogueEntry entry = catalogue_entry(kHost);
+    entry.origin.incarnation = 0;
+    client.on_catalogue(entry);
+    if (!opens_first) client.open(kObject, kDigest);
+    EXPECT_FALSE(client.demand(now_)) << "no heartbeat has arrived";
+    client.on_host_heartbeat(kHost, 0, now_);
+
+    const std::optional<Demand> demand = client.demand(now_);
+    ASSERT_TRUE(demand);
+    EXPECT_EQ(demand->serving_host, kHost);
+    EXPECT_EQ(demand->stream, stream_id({kSession, kHost, 0, 0}, kReceiver, kObject));
+    BulkChunk base = chunks(spm::kNone, "base", 1).at(0);
+    base.stream = demand->stream;
+    EXPECT_EQ(client.on_chunk(base, now_).size(), 1u);
+    EXPECT_THAT(client.take_released(kObject), IsEmpty());
+  }
+}
+
+TEST_F(DeliveryClientTest, AHostWithIncarnationZeroReplacesTheHostOfAnOpenObject) {
+  deliver_and_hold(4);
+  publish();
+  ASSERT_TRUE(client_.retire(kObject, 4));
+  now_ += 300 * kMs;
+  for (const std::uint64_t host : {kOtherHost, kOtherHost + 1}) {  // known when the object was opened, and new
+    client_.on_catalogue(catalogue_entry(host));
+    client_.on_host_heartbeat(host, 0, now_);
+
+    const Demand demand = publish();
+
+    EXPECT_EQ(demand.serving_host, host);
+    EXPECT_EQ(demand.stream, stream_id({kSession, host, 0, 0}, kReceiver, kObject));
+    EXPECT_THAT(client_.take_released(kObject), IsEmpty()) << "the new host has not echoed the demand";
+    client_.on_host_gone(host);
+  }
+}
+
+TEST_F(DeliveryClientTest, AHostThatDoesNotOfferTheObjectCannotSendItsBaseMesh) {
+  DeliveryClient client{kReceiver, DeliverySettings{}};
+  client.on_catalogue(catalogue_entry(kHost));
+  CatalogueEntry other_object = catalogue_entry(kOtherHost), other_model = catalogue_entry(kOtherHost + 1);
+  other_object.object_id = kObject + 1;
+  other_model.summary.digest = kDigest + 1;
+  client.on_catalogue(other_object);
+  client.on_catalogue(other_model);
+  client.open(kObject, kDigest);
+  for (const std::uint64_t host : {kHost, kOtherHost, kOtherHost + 1}) client.on_host_heartbeat(host, 5, now_);
+  ASSERT_EQ(client.demand(now_)->serving_host, kHost);
+
+  for (const std::uint64_t host : {kOtherHost, kOtherHost + 1}) {
+    BulkChunk forged = chunks(spm::kNone, "forged", 1).at(0);
+    forged.stream = stream_id({kSession, host, 5, 0}, kReceiver, kObject);
+    forged.sender = host;
+    EXPECT_THAT(client.on_chunk(forged, now_), IsEmpty());
+  }
+  EXPECT_EQ(client.counters().foreign, 2u);
+  sequence_ = 0;
+  const std::vector<DeliveryClient::Message> messages = client.on_chunk(chunks(spm::kNone, "base", 1).at(0), now_);
+  ASSERT_EQ(messages.size(), 1u);
+  EXPECT_EQ(std::string(messages[0].bytes.begin(), messages[0].bytes.end()), "base");
+}
+
+TEST_F(DeliveryClientTest, ChunksOfAWithdrawnObjectAreRequestedAgainWhenItIsOfferedAgain) {
+  client_.set_wanted(kObject, {{4, 0}, {5, 0}});
+  publish();
+  CatalogueEntry entry = catalogue_entry(kHost);
+  entry.withdrawn = true;
+  client_.on_catalogue(entry);
+  const std::vector<BulkChunk> ignored = chunks(4, "x", 1);
+  EXPECT_FALSE(receive(ignored));
+  client_.on_catalogue(catalogue_entry(kHost));
+
+  EXPECT_TRUE(receive(chunks(5, "y", 1)));
+
+  const Demand demand = publish();
+  ASSERT_EQ(demand.gaps.size(), 1u);
+  EXPECT_EQ(demand.gaps[0].first, ignored[0].sequence);
+}
+
+TEST_F(DeliveryClientTest, AHostThatSendsNoChunksIsReplacedByTheNextHostOfTheObject) {
+  const std::int64_t timeout = DeliverySettings{}.no_answer_ns;
+  const std::vector<std::uint64_t> hosts{kHost, kOtherHost, kOtherHost + 1};
+  client_.on_catalogue(catalogue_entry(hosts[2]));
+  client_.set_wanted(kObject, {{4, 0}});
+  run_with_heartbeats(hosts, timeout - 100 * kMs);
+  EXPECT_EQ(client_.serving_host(kObject), hosts[0]);
+  receive({echo()});
+  run_with_heartbeats(hosts, timeout - 100 * kMs);
+  EXPECT_EQ(client_.serving_host(kObject), hosts[0]) << "the host has answered";
+
+  for (const std::uint64_t next : {hosts[1], hosts[2], hosts[0]}) {
+    run_with_heartbeats(hosts, timeout);
+    EXPECT_EQ(client_.serving_host(kObject), next);
+  }
+}
+
+TEST_F(DeliveryClientTest, AHostThatSendsNoChunksRemainsWithoutAnotherHostOrAnAnswerDue) {
+  const std::int64_t timeout = DeliverySettings{}.no_answer_ns;
+  run_with_heartbeats({kHost, kOtherHost}, 2 * timeout);
+  EXPECT_EQ(client_.serving_host(kObject), kHost) << "no answer is due";
+
+  client_.set_wanted(kObject, {{4, 0}});
+  run_with_heartbeats({kHost}, 2 * timeout);
+  EXPECT_EQ(client_.serving_host(kObject), kHost) << "the other host is late";
+  EXPECT_EQ(client_.counters().host_changes, 0u);
+}
+
 TEST_F(DeliveryClientTest, ContinuesAfterOneChunkWithAnImplausibleSequence) {
   for (std::uint32_t region = 0; region < 20; ++region) deliver_and_hold(region);
   BulkChunk wrong = echo();
@@ -592,6 +767,9 @@ TEST_F(DeliveryClientTest, AHostThatIsAbsentForLongIsDroppedWithItsStreams) {
 TEST_F(DeliveryClientTest, TheStateOfAClosedObjectIsFreed) {
   const DeliveryClient::Sizes before = client_.sizes();
   for (std::uint64_t object = 1000; object < 1100; ++object) {
+    CatalogueEntry entry = catalogue_entry(kHost);
+    entry.object_id = object;
+    client_.on_catalogue(entry);
     client_.open(object, kDigest);
     BulkChunk chunk = chunks(spm::kNone, std::string(2000, 'x'), 2).at(0);
     chunk.stream = stream_id({kSession, kHost, 5, 0}, kReceiver, object);

@@ -598,6 +598,87 @@ TEST_F(DeliveryServerTest, AppliesDemandsAfterOneImplausibleDemand) {
   }
 }
 
+TEST_F(DeliveryServerTest, AFloodOfDemandsCostsOneComparisonPerPass) {
+  constexpr std::uint64_t kPasses = 10;
+  const std::vector<spm::Interval> one{{0, 1}}, all{{0, model_.summary.regions}};
+  for (std::uint64_t pass = 0; pass < kPasses; ++pass, now_ += kMs) {
+    for (int i = 0; i < 1000; ++i) {
+      Demand demand = make_demand(1, {});
+      demand.have = i % 2 == 0 ? all : one;
+      ASSERT_EQ(submit(demand), DeliveryServer::DemandResult::kApplied);
+    }
+    EXPECT_EQ(server_.counters().comparisons, pass);
+    (void)drain_window();
+    EXPECT_EQ(server_.counters().comparisons, pass + 1);
+  }
+
+  Demand newest = make_demand(2, {3});
+  newest.have = one;
+  submit(newest);
+  const auto regions = regions_in(drain_window());
+  ASSERT_EQ(regions.size(), 1u);
+  EXPECT_EQ(regions[0].first, 3u);
+  for (const std::uint32_t record : closed_list_of(3))
+    EXPECT_EQ(regions[0].second.count(record), 1 - closed_list_of(0).count(record)) << "record " << record;
+}
+
+TEST_F(DeliveryServerTest, ADemandThatWasNotComparedDoesNotHideARetiredRegion) {
+  Demand demand = make_demand(1, {});
+  demand.have = {{0, 2}};
+  submit(demand);
+  (void)drain();
+  submit(make_demand(2, {}));  // has no region, so the next demand only adds regions to it
+  demand = make_demand(2, {3});
+  demand.have = {{1, 1}};
+  submit(demand);
+
+  const auto regions = regions_in(drain_window());
+
+  ASSERT_EQ(regions.size(), 1u);
+  for (const std::uint32_t record : closed_list_of(3))
+    EXPECT_EQ(regions[0].second.count(record), 1 - closed_list_of(1).count(record)) << "record " << record;
+}
+
+TEST_F(DeliveryServerTest, AStopBetweenTwoPassesIsApplied) {
+  submit(make_demand(1, {3}));
+  const std::vector<BulkChunk> begun = drain_window(1);
+  ASSERT_GT(begun.at(0).pieces.at(0).count, 1u);
+  Demand stop = make_demand(2, {3});
+  stop.serving_host = kOtherHost;
+  submit(stop);
+  submit(make_demand(3, {3}));
+
+  const std::vector<BulkChunk> chunks = drain();
+
+  ASSERT_FALSE(chunks.empty());
+  EXPECT_EQ(chunks.front().sequence, begun.back().sequence + 1);
+  EXPECT_EQ(chunks.front().epoch, 3u);
+  const auto regions = regions_in(chunks);
+  ASSERT_EQ(regions.size(), 1u);
+  EXPECT_EQ(regions[0].second, closed_list_of(3)) << "the first piece is sent again";
+}
+
+TEST_F(DeliveryServerTest, AReportedLossIsAppliedAlthoughANewerDemandFollows) {
+  submit(make_demand(1, {3}));
+  const std::vector<BulkChunk> sent = drain_window();
+  ASSERT_GT(sent.size(), 2u);
+  Demand loss = make_demand(2, {3});
+  loss.received = sent[0].sequence;
+  loss.newest = sent[1].sequence;
+  loss.gaps = {{sent[1].sequence, 1}};
+  submit(loss);
+  Demand newer = loss;
+  newer.origin.time_ns = ++time_;
+  newer.newest = sent.back().sequence;
+  submit(newer);
+
+  const std::vector<BulkPiece> again = pieces_in(drain_window());
+
+  ASSERT_FALSE(again.empty());
+  EXPECT_EQ(again[0].index, sent[1].pieces.at(0).index);
+  EXPECT_EQ(server_.counters().repeated, 1u);
+}
+
 TEST_F(DeliveryServerTest, AnHrtcThatSendsNoDemandsIsDropped) {
   submit(make_demand(1, {}));
   for (std::uint64_t hrtc = 1000; hrtc < 1100; ++hrtc) submit(make_demand(1, {}, hrtc));

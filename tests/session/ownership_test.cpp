@@ -549,6 +549,104 @@ TEST(OwnershipArbiter, IgnoresAnImplausibleFencingNumber) {
   EXPECT_EQ(arbiter.fencing(), fencing_before);
 }
 
+/// Fencing numbers that no host reaches.
+constexpr std::uint64_t kWrongFencings[] = {UINT64_MAX, UINT64_MAX - 1, 2 * kMaxFollowedFencing + 1,
+                                            2 * kMaxFollowedFencing, kMaxFollowedFencing + 1};
+/// An incarnation of a host that starts in the year 2026.
+constexpr std::uint64_t kIncarnationOf2026 = 1'795'000'000'000'000'000;
+
+ObjectPose pose_of(std::uint64_t participant, std::uint32_t sequence, std::uint64_t fencing) {
+  ObjectPose pose;
+  pose.origin = origin_of(participant, 1);
+  pose.object_id = kObject;
+  pose.sequence = sequence;
+  pose.fencing = fencing;
+  return pose;
+}
+
+/// A host with an object, and an HRTC and a viewer that receive its samples. Another HRTC sends wrong poses.
+class WrongFencing : public ::testing::Test {
+ protected:
+  void run(std::int64_t ms) {
+    for (; ms > 0; --ms) {
+      now_ += kMs;
+      if (const auto claim = claimant_.tick(now_)) arbiter_.on_claim(*claim, now_);
+      if (const auto grant = arbiter_.tick(now_)) claimant_.on_grant(*grant, now_);
+      const bool owns = claimant_.role(now_) == Claimant::Role::kOwner;
+      if (owns) publish(pose_of(kToucher, ++sequence_, claimant_.fencing()));
+      if (arbiter_.host_simulates()) publish(pose_of(kHost, ++sequence_, arbiter_.fencing()));
+    }
+  }
+  void publish(const ObjectPose& pose) {
+    if (pose.origin.participant != kHost && host_admission_.accept(pose, now_))
+      (void)arbiter_.on_pose(pose.fencing, now_);
+    if (pose.origin.participant != kToucher && hrtc_admission_.accept(pose, now_))
+      claimant_.on_pose(pose.fencing, now_);
+    if (viewer_admission_.accept(pose, now_)) shown_ns_ = now_;
+  }
+  void send_wrong_poses(std::uint64_t fencing) {
+    for (std::uint32_t i = 1; i <= 3; ++i) {
+      publish(pose_of(kWrongHrtc, i, fencing));
+      run(10);
+    }
+  }
+  /// Checks that an HRTC gets the object and gives it back, and that the viewer shows it meanwhile.
+  void expect_hand_over() {
+    for (const bool touching : {true, false}) {
+      claimant_.set_touching(touching);
+      run(700);
+      EXPECT_EQ(claimant_.role(now_), touching ? Claimant::Role::kOwner : Claimant::Role::kWatching);
+      EXPECT_EQ(arbiter_.host_simulates(), !touching);
+      EXPECT_EQ(shown_ns_, now_);
+    }
+  }
+
+  static constexpr std::uint64_t kToucher = 1, kWrongHrtc = 2;
+  std::int64_t now_ = 0, shown_ns_ = 0;
+  std::uint32_t sequence_ = 0;
+  OwnershipArbiter arbiter_{origin_of(kHost, kIncarnationOf2026), kObject, {}, 0};
+  Claimant claimant_{origin_of(kToucher, 1), kObject, {}};
+  PoseAdmission host_admission_, hrtc_admission_, viewer_admission_;
+};
+
+TEST_F(WrongFencing, ThreePosesWithANumberThatNoHostReachesDoNotBlockLaterOnes) {
+  run(400);
+  for (const std::uint64_t wrong : kWrongFencings) {
+    SCOPED_TRACE(wrong);
+    send_wrong_poses(wrong);
+    expect_hand_over();
+    EXPECT_LT(arbiter_.fencing(), kIncarnationOf2026 + 100) << "the host does not follow";
+  }
+}
+
+TEST_F(WrongFencing, ProgramsThatStartDuringWrongPosesAcceptLaterOnes) {
+  for (const std::uint64_t wrong : kWrongFencings) {
+    SCOPED_TRACE(wrong);
+    run(400);
+    claimant_ = Claimant{origin_of(kToucher, 1), kObject, {}};
+    hrtc_admission_ = viewer_admission_ = {};
+    send_wrong_poses(wrong);
+    expect_hand_over();
+  }
+}
+
+TEST_F(WrongFencing, TheLargestNumberThatAHostFollowsLeavesRoomForLaterOnes) {
+  run(400);
+  send_wrong_poses(kMaxFollowedFencing);
+  expect_hand_over();
+  EXPECT_GT(arbiter_.fencing(), kMaxFollowedFencing);
+  viewer_admission_ = {};  // of a viewer that starts now
+  send_wrong_poses(UINT64_MAX);
+  expect_hand_over();
+}
+
+TEST(OwnershipArbiter, AHostWithAWrongIncarnationGrantsNoNumberPastTheEndOfTheRange) {
+  OwnershipArbiter arbiter{origin_of(kHost, UINT64_MAX), kObject, {}, 0};
+  const std::optional<ObjectGrant> grant = arbiter.tick(300 * kMs);
+  ASSERT_TRUE(grant);
+  EXPECT_EQ(grant->fencing, 2 * kMaxFollowedFencing + 1);
+}
+
 TEST(Claimant, AcceptsGrantsAfterOneImplausibleGrant) {
   for (const bool sequence_is_wrong : {true, false}) {
     Claimant claimant{origin_of(1, 1), kObject, {}};

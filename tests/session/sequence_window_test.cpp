@@ -92,6 +92,25 @@ TEST(SequenceWindow, AConfirmedFencingNumberNeverDecreases) {
   EXPECT_EQ(fresh.admit(5, 0), Admission::kNewStart) << "a single sample is not confirmed";
 }
 
+TEST(SequenceWindow, AConfirmedWindowJumpsAtMostToTheLargestJump) {
+  SequenceLimits limits = kLimits;
+  limits.max_jump = 1000;
+  SequenceWindow window = after_hundred(limits);
+  for (std::uint64_t i = 1; i <= 10; ++i) EXPECT_EQ(window.admit(1000 + i, 100 * kMs), Admission::kImplausible);
+  for (std::uint64_t i = 998; i < 1000; ++i) EXPECT_EQ(window.admit(i, 100 * kMs), Admission::kImplausible);
+  EXPECT_EQ(window.admit(1000, 100 * kMs), Admission::kNewStart);
+  EXPECT_EQ(window.admit(1001, 100 * kMs), Admission::kAccepted) << "inside the window numbers still grow";
+}
+
+TEST(SequenceWindow, AFencingNumberAboveTheLargestThatAHostFollowsMayDecrease) {
+  constexpr std::uint64_t kAbove = kMaxFollowedFencing + 5000;
+  SequenceWindow window{kFencingNumbers, kAbove, 0};
+  for (int i = 0; i < 10; ++i) EXPECT_EQ(window.admit(kAbove - 1, 0), Admission::kOld) << "of a former owner";
+  for (int i = 0; i < 2; ++i) EXPECT_EQ(window.admit(5, 0), Admission::kImplausible);
+  EXPECT_EQ(window.admit(5, 0), Admission::kNewStart);
+  EXPECT_EQ(window.admit(4, 0), Admission::kOld);
+}
+
 /// A third of the correct numbers is lost, and implausible numbers arrive in between.
 TEST(SequenceWindow, RefusesNoCorrectNumberBecauseOfImplausibleNumbers) {
   for (unsigned seed = 1; seed <= 50; ++seed) {

@@ -294,11 +294,12 @@ class ShownMeshTest : public ViewerCoreTest {
     entry.heartbeat = ++heartbeats_;
     viewer_.on_roster(entry, now_ns_);
   }
-  void publish(const std::string& name, const spm::Forest& forest, bool complete = true) {
+  /// `ahead_ns`: error of the sample's sending time.
+  void publish(const std::string& name, const spm::Forest& forest, bool complete = true, std::int64_t ahead_ns = 0) {
     std::vector<spm::Forest::InUse> in_use(forest.copy_in_use(nullptr, 0));
     (void)forest.copy_in_use(in_use.data(), static_cast<std::uint32_t>(in_use.size()));
     session::ShownRegions shown;
-    shown.origin = {kSession, session::id_of(name), 1, now_ns_};
+    shown.origin = {kSession, session::id_of(name), 1, now_ns_ + ahead_ns};
     shown.object_id = session::id_of("sphere");
     shown.digest = model_.summary.digest;
     shown.mesh_hash = forest.mesh_hash();
@@ -334,6 +335,32 @@ TEST_F(ShownMeshTest, TheMeshIsThatOfTheOnlyHrtcAlsoIfItIsPartlyRefined) {
   (void)hrtc_.refine({});
   run_with({{"desk", &hrtc_.forest()}}, 500 * kMs);
   EXPECT_EQ(object().mesh.mesh_hash(), 0u) << "the HRTC shows its base mesh";
+}
+
+TEST_F(ShownMeshTest, OneTimeFarAheadDropsNoLaterRegions) {
+  const auto published = [this] { return viewer_.published_hash(session::id_of("desk"), session::id_of("sphere")); };
+  run(500 * kMs);
+  for (const bool is_first : {true, false}) {
+    SCOPED_TRACE(is_first ? "the first sample" : "a later sample");
+    if (!is_first) run_with({{"desk", &hrtc_.forest()}}, 200 * kMs);
+    on_hrtc("desk");
+    const auto before = published();
+    publish("desk", hrtc_.forest(), true, 1'000'000 * kMs);
+    (void)hrtc_.refine({spm::RegionId{is_first ? 1u : 2u}});
+    run(50 * kMs);
+    EXPECT_NE(published(), hrtc_.forest().mesh_hash());
+    publish("desk", hrtc_.forest());
+    EXPECT_EQ(published(), hrtc_.forest().mesh_hash());
+    EXPECT_NE(published(), before);
+  }
+}
+
+TEST_F(ShownMeshTest, OvertakenRegionsAreNotShown) {
+  run_with({{"desk", &hrtc_.forest()}}, 600 * kMs);
+  const auto base = viewer_.published_hash(session::id_of("desk"), session::id_of("sphere"));
+  (void)hrtc_.refine({spm::RegionId{1}});
+  publish("desk", hrtc_.forest(), true, -200 * kMs);
+  EXPECT_EQ(viewer_.published_hash(session::id_of("desk"), session::id_of("sphere")), base);
 }
 
 TEST_F(ShownMeshTest, TheMeshOfOneOfTwoHrtcsCanBeChosen) {
