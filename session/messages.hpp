@@ -75,7 +75,7 @@ struct StopRecord {
   std::uint64_t participant = 0;
   std::uint64_t incarnation = 0;
   std::uint32_t stop = 0;   ///< number of its newest stop; 0: none
-  std::uint32_t ended = 0;  ///< largest number of its stops that a reset has named; 0: none
+  std::uint32_t ended = 0;  ///< number of its newest received stop that a reset has ended; 0: none
   std::uint32_t reset = 0;  ///< number of its newest reset; 0: none
 };
 
