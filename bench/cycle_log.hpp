@@ -55,8 +55,7 @@ class ForceChecker {
 /// Requests and checks the recordings of a running HRTC.
 class CycleLog {
  public:
-  /// Time of cycles that the HRTC has to store, s: `--flight-recorder`. An HRTC may be suspended for 3 s between two
-  /// recordings.
+  /// Time for which the HRTC stores cycles, s: `--flight-recorder`. It may be suspended for 3 s between two recordings.
   static constexpr int kStored = 8;
 
   /// The HRTC, started with `--flight-recorder` kStored, must outlive the log.

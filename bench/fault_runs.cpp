@@ -429,12 +429,12 @@ void inject(TouchedSession& touched, const Injection& injection, std::uint64_t s
 }
 
 /// Ends the programs of a session that `tactus chaos` has started.
-void end_programs(LiveSession& session) {
-  const wire::SessionAddress address = session.address("");
+void end_programs(const LiveSession& session) {
+  const wire::SessionAddress address = session.address("observer");
   const auto programs = [&] { return chaos::programs_of(address.session, address.domain, false); };
   const std::int64_t begin_ns = realtime::monotonic_ns();
   for (const chaos::Program& program : programs()) ::kill(program.pid, SIGTERM);
-  while (!programs().empty() && ms_since(begin_ns) < 20e3) pause(50ms);
+  while (!programs().empty() && ms_since(begin_ns) < 20e3) std::this_thread::sleep_for(50ms);  // they notify nobody
   for (const chaos::Program& program : programs()) ::kill(program.pid, SIGKILL);
 }
 
@@ -453,7 +453,7 @@ void measure_random_faults(const FaultSettings& settings, Report& report) {
     touched.wait_for_touch("bob");
     return hrtc;
   };
-  auto desk = start_hrtc();
+  const auto desk = start_hrtc();
   pause(std::chrono::seconds{CycleLog::kStored + 2});
   CycleLog log{*desk};
   inject(touched, {"", {"suspend", "kill", "loss", "cut"}, settings.seconds / 2}, settings.seed, &log, report);
@@ -476,12 +476,13 @@ void measure_random_faults(const FaultSettings& settings, Report& report) {
   report.add_at_most("exit status of the replay of the last cycles", {"recording", 1}, "",
                      replay.wait(300s).value_or(127), 0);
 
-  desk = start_hrtc();
+  const auto second_desk = start_hrtc();
+  const std::unique_ptr<LiveSession, void (*)(LiveSession*)> started{
+      &touched.session(), [](LiveSession* session) { end_programs(*session); }};
   const Injection kills{"with kills of hosts and HRTCs: ", {"suspend", "kill"}, settings.seconds / 4, true};
   inject(touched, kills, settings.seed, nullptr, report);
   touched.wait_for_touch("ann");
   touched.wait_for_touch("bob");
-  end_programs(touched.session());
 }
 
 }  // namespace tactus::bench

@@ -2,7 +2,6 @@
 
 #include <chrono>
 #include <map>
-#include <type_traits>
 #include <utility>
 #include <variant>
 #include <vector>

@@ -39,18 +39,20 @@ void RemoteUsers::on_state(const session::ProbeState& state, session::StateStrea
   modes_.on_probe(state.user_id, state.origin.participant, state.device.position, now_ns);
 }
 
-/// Returns the remote probe of a state, and adds it if it is new. Returns null if its number is too large, or if the
-/// sender or all senders together have too many probes.
+/// Returns the remote probe of a state, and adds it if it is new. It then replaces the one with this number at the same
+/// HRTC, so each HRTC has at most kMaxProbes. Returns null if the number is too large, or if there are too many in all.
 RemoteUsers::Remote* RemoteUsers::find_or_add(const session::ProbeState& state, std::int64_t now_ns) {
   if (state.probe >= kMaxProbes) return nullptr;
   const std::pair<std::uint64_t, std::uint32_t> key{state.user_id, state.probe};
   const auto found = remotes_.find(key);
   if (found != remotes_.end()) return &found->second;
-  if (remotes_.size() >= kMaxRemotes) return nullptr;
   const std::uint64_t participant = state.origin.participant;
-  const auto of_participant = std::count_if(remotes_.begin(), remotes_.end(),
-                                            [&](const auto& entry) { return entry.second.participant == participant; });
-  if (of_participant >= static_cast<std::ptrdiff_t>(kMaxProbes)) return nullptr;
+  for (auto at = remotes_.begin(); at != remotes_.end();) {
+    const bool is_replaced = at->second.participant == participant && at->first.second == state.probe;
+    if (is_replaced) modes_.forget_user(at->first.first);
+    at = is_replaced ? remotes_.erase(at) : std::next(at);
+  }
+  if (remotes_.size() >= kMaxRemotes) return nullptr;
   Remote& remote = remotes_[key];
   remote.participant = participant;
   remote.received_ns = now_ns;

@@ -301,7 +301,7 @@ void Authority::export_member(const std::string& name, const fs::path& to) const
   const fs::path from = folder_of(name), target = without_separator(to);
   if (!fs::is_directory(from)) throw KeyError(from.string() + ": not found, expected a member of this authority");
   if (fs::exists(target)) throw KeyError(to.string() + ": exists, expected a new folder");
-  const Lock lock{folder_};  // for keys that are not replaced during the copy
+  const Lock lock{folder_};  // so that no process replaces the keys during the copy
   remove_temporary(target.parent_path(), target.filename());
   (void)read_member(from, now());
   Pending pending = Pending::folder(target);

@@ -8,7 +8,9 @@
 ///
 /// Every file and folder gets its name only when it is complete. A process that makes, revokes or exports keys waits
 /// for other such processes, and then removes the temporary files of those that were killed. If `create` or
-/// `export_member` is killed, its folder `.new-NAME.*` stays; the next export to this name removes that of an export.
+/// `export_member` is killed, its folder `.new-NAME.*` stays. The next export to the same name removes the folder that
+/// a killed export has left. On a file system without an exchange of folders, such as NFS, a process that is killed
+/// while it replaces keys can leave no folder of this name.
 #pragma once
 
 #include <ctime>
@@ -46,7 +48,7 @@ class Authority {
   void revoke(const std::string& name) const;
   /// Returns the member of this name; none if there is none, or if its folder has no certificate. Throws KeyError.
   [[nodiscard]] std::optional<Member> find(const std::string& name) const;
-  /// Returns the names of all members, sorted.
+  /// Returns the names of all member folders, sorted, also of those without a certificate.
   [[nodiscard]] std::vector<std::string> names() const;
   [[nodiscard]] std::filesystem::path folder_of(const std::string& name) const;
   /// Copies the folder of a member to the new folder `to`, if a program can use it. Only its owner can read the copy.

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <chrono>
 #include <stdexcept>
-#include <type_traits>
 #include <utility>
 
 #include "realtime/process.hpp"

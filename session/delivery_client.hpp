@@ -24,9 +24,8 @@
 /// epoch reports it. A chunk of that epoch or a later one shows that the host has received the report, so the client
 /// forgets the gap. If a demand or its answer is lost, the client repeats the demand.
 ///
-/// Chunks are accepted only from hosts that offer the object with the digest that the client has opened. Keys can
-/// restrict a host to some objects. A chunk names no object, so only the stream and the offer show that its host may
-/// serve the object.
+/// The client accepts chunks only from hosts that offer the object with the digest that it has opened. Keys can restrict
+/// a host to some objects, but a chunk names no object. So wire/ can check only the offer of the host.
 ///
 /// A chunk whose sequence or sending time is implausible (session/sequence_window.hpp) is dropped. Otherwise the next
 /// demand would report all chunks up to a wrong sequence as lost.

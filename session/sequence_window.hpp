@@ -55,8 +55,8 @@ struct SequenceLimits {
 
 /// The largest fencing number to which samples of other programs can move a host. Hosts count up from their
 /// incarnations, times in ns since 1970, and reach this number in the year 2116. From there to the end of the range,
-/// the largest growth inside a window takes thousands of years. Other receivers move up to twice this number, so they
-/// follow every host. No host follows them above this number, so there a fencing number may decrease again.
+/// the largest growth inside a window takes thousands of years. Other receivers accept jumps up to twice this number,
+/// so they follow every host. A host accepts no jump above it, so a fencing number above it may decrease again.
 inline constexpr std::uint64_t kMaxFollowedFencing = std::uint64_t{1} << 62;
 
 // A wrong number inside the window makes a receiver refuse correct samples until their numbers are larger. At the

@@ -87,8 +87,8 @@ std::string AuditLog::write(std::int64_t now_ns, bool all) {
 void AuditLog::put_back(const std::vector<std::pair<AuditEvent, std::uint64_t>>& events) {
   const std::lock_guard<std::mutex> lock{mutex_};
   for (const auto& [event, count] : events) {
-    const bool is_known = events_.size() < kMaxEvents || events_.count(event) > 0;
-    Repeated& repeated = events_[is_known ? event : AuditEvent{kFurther, "", "", ""}];
+    const bool has_entry = events_.size() < kMaxEvents || events_.count(event) > 0;
+    Repeated& repeated = events_[has_entry ? event : AuditEvent{kFurther, "", "", ""}];
     repeated.count += count;
     repeated.due_ns = 0;
   }

@@ -95,18 +95,18 @@ std::filesystem::path importer_program() {
 /// Returns the smallest limit of memory of this process's control group and of those around it, such as that of a
 /// service or of a container.
 std::uint64_t memory_of_control_group() {
-  std::uint64_t least = std::numeric_limits<std::uint64_t>::max();
+  std::uint64_t min_limit = std::numeric_limits<std::uint64_t>::max();
   std::ifstream groups{"/proc/self/cgroup"};
   for (std::string line; std::getline(groups, line);) {
     if (line.rfind("0::/", 0) != 0) continue;
     const std::filesystem::path root{"/sys/fs/cgroup"};
     for (std::filesystem::path group = root / line.substr(4);; group = group.parent_path()) {
       std::ifstream limit{group / "memory.max"};  // a number, or "max"
-      if (std::uint64_t bytes = 0; limit >> bytes) least = std::min(least, bytes);
+      if (std::uint64_t bytes = 0; limit >> bytes) min_limit = std::min(min_limit, bytes);
       if (group == root || group == group.parent_path()) break;
     }
   }
-  return least;
+  return min_limit;
 }
 
 /// A message must not command the terminal.
@@ -120,7 +120,8 @@ void replace_control_characters(std::string& text) {
   }
 }
 
-/// Lets this process wait for its children, even if it ignores SIGCHLD, until the end of the object.
+/// Lets this process wait for its children, even if it ignores SIGCHLD, until the end of the object. Such a process must
+/// not import two models at the same time.
 class WaitableChildren {
  public:
   WaitableChildren() {

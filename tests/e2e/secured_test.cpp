@@ -1,4 +1,6 @@
 /// Sessions in which only members of an authority take part, with all messages encrypted.
+#include <fstream>
+
 #include "keys/authority.hpp"
 #include "tests/e2e/session_test.hpp"
 
@@ -126,6 +128,28 @@ TEST_F(SecuredTest, NewKeysKeepTheNamesOfTheEarlierOnes) {
   const std::string members = keys({"show", lab});
   EXPECT_THAT(members, testing::ContainsRegex("desk +hrtc +[0-9-]+ +valid +all users"));
   EXPECT_THAT(members, testing::ContainsRegex("laptop +user +[0-9-]+ +valid +laptop"));
+}
+
+TEST_F(SecuredTest, KeysWhoseNamesAreUnknownAreNotReplacedByKeysForAll) {
+  const std::string lab = path("lab-keys");
+  (void)keys_of("museum", Role::kHost);
+  const std::filesystem::path certificate =
+      std::filesystem::path{keys_of("desk", Role::kHrtc, {"ann"})} / keys::files::kCertificate;
+  const auto keys = [&](std::vector<std::string> arguments, int status) {
+    Process process{program("keys", std::move(arguments))};
+    EXPECT_TRUE(exits_with(status, process));
+    return process.output();
+  };
+  std::ofstream{certificate} << "damaged";
+  const std::string members = keys({"show", lab}, 2);
+  EXPECT_THAT(members, testing::ContainsRegex("desk +[?] +[?] +damaged"));
+  EXPECT_THAT(members, testing::ContainsRegex("museum +host +[0-9-]+ +valid"));
+  EXPECT_THAT(keys({"add-hrtc", lab, "desk", "--replace"}, 2), HasSubstr("expected names or --all"));
+  EXPECT_THAT(keys({"add-hrtc", lab, "desk", "ann", "--replace"}, 2), HasSubstr("remove the file"));
+  std::filesystem::remove(certificate);
+  EXPECT_THAT(keys({"add-hrtc", lab, "desk", "--replace"}, 2), HasSubstr("expected names or --all"));
+  (void)keys({"add-hrtc", lab, "desk", "ann", "--replace"}, 0);
+  EXPECT_THAT(keys({"show", lab}, 0), testing::ContainsRegex("desk +hrtc +[0-9-]+ +valid +ann"));
 }
 
 TEST_F(SecuredTest, AWrongNameOrRoleReplacesNoKeys) {

@@ -1,6 +1,6 @@
 /* A driver without a device. Its configuration is "DEFECT:FILE". It appends a line to FILE for each write, with the time
- * in ns and the force, and the line "closed" at its end. The defect shows in the first read after a force of 3 N; that
- * of "taps", which is none, when the force is zero again. */
+ * in ns and the force, and the line "closed" at its end. The defect shows in the first read after a force of 3 N.
+ * "taps" is no defect: the stop button is pressed in one read, when the force is zero again. */
 #include <pthread.h>
 #include <signal.h>
 #include <stdio.h>
@@ -67,6 +67,8 @@ static int read_device(struct tactus_device* device, int64_t now_ns, struct tact
   if (strcmp(device->defect, "taps") == 0 && device->is_triggered == 1 && device->force == 0) {
     pose->buttons = 4; /* the stop button, in this read only */
     device->is_triggered = 2;
+    fprintf(device->file, "tapped\n");
+    fflush(device->file);
   }
   if (device->force != 3) return TACTUS_DEVICE_POSE;
   if (strcmp(device->defect, "killed") == 0) raise(SIGKILL);

@@ -197,7 +197,7 @@ TEST_F(KeysTest, AMachineWhoseClockIsLateAcceptsTheList) {
   EXPECT_EQ(error_of_member(desk, std::time(nullptr) - 1800), "");
 }
 
-TEST_F(KeysTest, ADamagedMemberIsNotListedAndCanBeReplaced) {
+TEST_F(KeysTest, AMemberWithoutACertificateIsNotFoundAndCanBeReplaced) {
   const fs::path desk = authority_.add(hrtc("desk"));
   fs::remove(desk / files::kCertificate);
   EXPECT_FALSE(authority_.find("desk"));

@@ -602,7 +602,7 @@ TEST_F(DeliveryClientTest, ManyIncompleteMessagesAreDroppedInAShortTime) {
   const Clock::time_point begin = Clock::now();
   (void)client.demand(now_ + settings.partial_timeout_ns);
 
-  EXPECT_LT(Clock::now() - begin, std::chrono::seconds{2}) << "a search for the oldest among all takes minutes";
+  EXPECT_LT(Clock::now() - begin, std::chrono::seconds{20}) << "a search for the oldest among all takes minutes";
   EXPECT_EQ(client.sizes().partials, 0u);
   EXPECT_EQ(client.partial_bytes(), 0u);
 }

@@ -71,10 +71,10 @@ TEST(StopLatch, AResetThatArrivesBeforeItsStopEndsTheStopWhenItIsRepeated) {
 }
 
 TEST(StopLatch, AResetEndsNoStopInAdvance) {
-  for (const bool knows_a_stop : {false, true}) {
+  for (const bool has_received_a_stop : {false, true}) {
     StopLatch latch{origin(1)}, peer{origin(5)};
     std::uint32_t number = 0;
-    if (knows_a_stop) (void)latch.on_stop(stop(2, ++number));
+    if (has_received_a_stop) (void)latch.on_stop(stop(2, ++number));
     (void)latch.on_reset(reset(3, 1, {stop(2, 0xffffffff)}));
     EXPECT_FALSE(latch.stopped()) << "a reset also ends the earlier stops of the issuer";
     EmergencyStop later;

@@ -9,7 +9,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-TEST(InboxTest, DropsTheNewestSamplesAboveItsCapacityButKeepsPlacesForThoseThatAreSentOnce) {
+TEST(InboxTest, DropsTheNewestSamplesAboveItsCapacityButHasAReserveForSamplesThatAreSentOnce) {
   constexpr int kCapacity = 10, kOnce = 100;
   Inbox<int> inbox{kCapacity};
   for (int i = 0; i < kCapacity + 5; ++i) inbox.put(i);

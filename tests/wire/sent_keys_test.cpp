@@ -27,7 +27,7 @@ class SentKeysTest : public SecuredSession {
   const Writer<ses::RosterEntry> writer_{desk_, topics::kRoster};
 };
 
-TEST_F(SentKeysTest, AProgramDoesNotGrowWithTheNumberOfThoseThatHaveJoined) {
+TEST_F(SentKeysTest, AProgramDoesNotGrowWithEachParticipantThatJoins) {
   if (test_support::kSanitized) GTEST_SKIP() << "a sanitizer counts no allocated bytes";
   constexpr int kJoins = 4;
   constexpr double kMaxBytes = 100e3;  // of each join in both programs; stored keys of one join take 1 MB

@@ -95,21 +95,24 @@ void show(const keys::Authority& authority) {
   if (!error.empty()) throw keys::KeyError(error);
 }
 
-/// Returns the keys that new ones of this name replace; none if there are none, or if their certificate cannot be read
-/// and the new ones state their names. Throws KeyError otherwise.
+/// Returns the keys that new ones of this name replace; none if there are none, or if their certificate is missing or
+/// cannot be read and the new ones state their names. Throws KeyError otherwise.
 std::optional<keys::Member> earlier_keys(const keys::Authority& authority, const keys::NewMember& member,
                                          bool for_all) {
+  std::string reason = "the certificate of " + member.name + " is missing";
   try {
-    return authority.find(member.name);
+    std::optional<keys::Member> earlier = authority.find(member.name);
+    if (earlier || !fs::exists(authority.folder_of(member.name))) return earlier;
   } catch (const keys::KeyError& error) {
-    const char* const names = names_of(member.role);
     if (!member.replaces) throw;
-    if (names != nullptr && member.permitted.empty() && !for_all)
-      throw keys::KeyError(std::string{error.what()} + "; found no " + names + ", expected names" +
-                           (is_for_all(member.role) ? " or --all" : "") +
-                           ", because those of the earlier keys are unknown");
-    return std::nullopt;
+    reason = error.what();
   }
+  const char* const names = names_of(member.role);
+  if (member.replaces && names != nullptr && member.permitted.empty() && !for_all)
+    throw keys::KeyError(reason + "; found no " + names + ", expected names" +
+                         (is_for_all(member.role) ? " or --all" : "") +
+                         ", because those of the earlier keys are unknown");
+  return std::nullopt;
 }
 
 /// Throws KeyError if a member has keys of another role that are not revoked: a wrong command would revoke them.
