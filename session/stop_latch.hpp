@@ -18,8 +18,8 @@
 /// stop stands while its number is larger than the second one.
 ///
 /// A reset ends only stops that the program has received, because a reset with a larger number must not disable later
-/// stops in advance. A stop that arrives after the reset that names it stands until a reset names it again. The sender
-/// repeats its reset as long as a stop that it names stands at any program.
+/// stops in advance. The sender repeats its reset until no stop that it names stands at any program in its roster. A
+/// stop that arrives later stands until the next reset that names it.
 ///
 /// No DDS and no clock; one thread at a time.
 #pragma once
@@ -54,8 +54,8 @@ class StopLatch {
   /// Issues a stop of this program. A reset that was sent before does not end it, even if an earlier stop of this
   /// program stands.
   void issue_stop();
-  /// Applies a reset. Returns true when the reset is new. A repeated reset only ends stops that it names and that were
-  /// received again after their records were dropped, so a fault since the first one stays latched.
+  /// Applies a reset. Returns true when the reset is new. A repeated reset only ends stops that it names and that
+  /// arrived after it, or again after their records were dropped, so a fault since the first one stays latched.
   bool on_reset(const ForceReset& reset);
   /// Applies the stops that stand in the roster entry of another program, but no resets. Returns true if a stop is new
   /// and stands.
