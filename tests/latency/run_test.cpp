@@ -9,6 +9,7 @@
 #include "netem/pair.hpp"
 #include "tests/support/process.hpp"
 #include "tests/support/temporary_folder.hpp"
+#include "tests/support/test_domain.hpp"
 #include "wire/footprint.hpp"
 
 namespace tactus::latency {
@@ -23,6 +24,8 @@ class LatencyRun : public testing::Test {
  protected:
   static Words command_line(const std::string& command, Words options) {
     Words words{TACTUS_LATENCY, command};
+    // Plain Fast DDS ends at some of the datagrams that other tests send to all ports of their own domains.
+    if (command == "run") words.insert(words.end(), {"--domain", std::to_string(test_support::test_domain())});
     words.insert(words.end(), options.begin(), options.end());
     return words;
   }

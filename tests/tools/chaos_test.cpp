@@ -178,15 +178,17 @@ bool eventually(const Condition& condition) {
 /// A process whose program has the name of a host. It ends when this object is destroyed.
 class FakeHost {
  public:
-  FakeHost() {
+  /// `first_line`: of its script, in which $FIFO is a file that nobody writes.
+  explicit FakeHost(const std::string& first_line = "") {
     std::filesystem::copy_file("/bin/bash", folder_.path() / "tactus-host");
     // It waits for a line that nobody writes. It starts no other process, because a process has the command line of its
     // parent until it runs its own program. The shell ignores the arguments after the command.
     const std::filesystem::path fifo = folder_.path() / "fifo";
     EXPECT_EQ(::mkfifo(fifo.c_str(), S_IRUSR | S_IWUSR), 0);
-    process_.emplace(std::vector<std::string>{folder_.path() / "tactus-host", "-c",
-                                              "echo runs; read -r _ <>" + fifo.string(), "--session", session_,
-                                              "--domain=40", "--name", "museum"});
+    process_.emplace(
+        std::vector<std::string>{folder_.path() / "tactus-host", "-c",
+                                 "FIFO=" + fifo.string() + "; echo runs; " + first_line + "read -r _ <>$FIFO",
+                                 "--session", session_, "--domain=40", "--name", "museum"});
   }
   ~FakeHost() {
     for (const Program& program : found()) ::kill(program.pid, SIGKILL);
@@ -238,6 +240,16 @@ TEST(ChaosPrograms, AreFoundBySessionAndDomain) {
   EXPECT_GE(resources->descriptors, 3u);
   EXPECT_GE(age_of(found[0]), 0);
   EXPECT_LT(age_of(found[0]), 30);
+}
+
+TEST(ChaosPrograms, AreMeasuredWithoutAFileThatTheyWriteAtTheMoment) {
+  FakeHost host{"read -r -t 0.5 _ <>$FIFO 9>/dev/null; "};
+  ASSERT_TRUE(host.process().wait_for_line("runs"));
+  const Program program = host.found().at(0);
+  const std::filesystem::path file = "/proc/" + std::to_string(program.pid) + "/fd/9";
+  ASSERT_TRUE(eventually([&] { return std::filesystem::exists(file); }));
+  const std::size_t writing = settled_resources_of(program, 0, std::chrono::milliseconds{0})->descriptors;
+  EXPECT_LT(settled_resources_of(program, writing - 1, std::chrono::seconds{5})->descriptors, writing);
 }
 
 TEST(ChaosPrograms, AreSuspendedForATime) {

@@ -50,6 +50,7 @@ constexpr std::int64_t kCalmNs = 2 * kSecond;     // in which the session has to
 constexpr double kWarmUp = 0.5;
 /// Age from which the growth of a program is measured, s: one that was killed before has not touched these pages yet.
 constexpr double kMinAge = 10;
+constexpr std::chrono::seconds kMaxWriting{3};      // of a file, whose descriptor does not count as growth
 constexpr std::int64_t kReferenceNs = 2 * kSecond;  // in which the users and participants of the reference are found
 
 struct Options {
@@ -285,7 +286,7 @@ class Run {
     }
     std::printf("\n%-24s%16s%12s%14s%8s\n", "program", "resident, MB", "growth", "descriptors", "growth");
     for (const auto& [program, before] : measured_) {
-      const auto after = resources_of(program);
+      const auto after = settled_resources_of(program, before.descriptors, kMaxWriting);
       if (!after) continue;
       const double growth = after->resident_mb - before.resident_mb;
       const long more = static_cast<long>(after->descriptors) - static_cast<long>(before.descriptors);

@@ -23,6 +23,7 @@
 #include <sstream>
 #include <stdexcept>
 #include <system_error>
+#include <thread>
 #include <utility>
 
 namespace tactus::chaos {
@@ -301,6 +302,20 @@ std::optional<Resources> resources_of(const Program& program) {
   for (fs::directory_iterator at{folder_of(program.pid) / "fd", none}, end; !none && at != end; at.increment(none))
     ++resources.descriptors;
   return resources;
+}
+
+std::optional<Resources> settled_resources_of(const Program& program, std::size_t descriptors,
+                                              std::chrono::milliseconds limit) {
+  constexpr std::chrono::milliseconds kBetweenReads{20};
+  std::optional<Resources> fewest = resources_of(program);
+  const auto end = std::chrono::steady_clock::now() + limit;
+  while (fewest && fewest->descriptors > descriptors && std::chrono::steady_clock::now() < end) {
+    std::this_thread::sleep_for(kBetweenReads);  // nothing notifies of a closed descriptor
+    const std::optional<Resources> next = resources_of(program);
+    if (!next) return std::nullopt;
+    if (next->descriptors < fewest->descriptors) fewest = next;
+  }
+  return fewest;
 }
 
 double age_of(const Program& program) {

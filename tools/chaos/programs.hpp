@@ -3,6 +3,7 @@
 
 #include <sys/types.h>
 
+#include <chrono>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -40,6 +41,10 @@ struct Resources {
 };
 /// Returns nothing if the program has ended.
 [[nodiscard]] std::optional<Resources> resources_of(const Program& program);
+/// As resources_of(). If the program has more than `descriptors`, waits until it has not, at most `limit`: it may be
+/// writing a file. Returns the reading with the fewest descriptors.
+[[nodiscard]] std::optional<Resources> settled_resources_of(const Program& program, std::size_t descriptors,
+                                                            std::chrono::milliseconds limit);
 /// Returns the time since the start of the program, s.
 [[nodiscard]] double age_of(const Program& program);
 
