@@ -144,8 +144,8 @@ class Takeover {
     restart(serving);
   }
 
-  /// Kills the only host and starts it again. Measures the time until the HRTC has chunks of the new process. Records
-  /// that arrive afterwards must be new.
+  /// Kills the only host and starts it again. Measures the time until the HRTC with the small pool, which needs records
+  /// all the time, has chunks of the new process. Then waits for records for the other HRTC, which must be new.
   void restart_one() {
     const ObservedSession observed = session_.observed();
     const std::size_t serving = observed.serving_host == session::id_of(kHosts[0]) ? 0 : 1;
@@ -160,15 +160,15 @@ class Takeover {
     hosts_[serving]->signal(SIGKILL);
     (void)hosts_[serving]->wait(5s);
     pause(300ms);
-    const std::uint64_t shelf = session::id_of("shelf");
-    const std::uint32_t stream = session_.observed().streams[shelf].id;
+    const std::uint64_t desk = session::id_of("desk");
+    const std::uint32_t stream = session_.observed().streams[desk].id;
     const std::int64_t started_ns = realtime::monotonic_ns();
     restart(serving);
     session_.wait_until("a chunk of the restarted host", [&](const ObservedSession& now) {
-      const auto at = now.streams.find(shelf);
+      const auto at = now.streams.find(desk);
       return at != now.streams.end() && at->second.id != stream;
     });
-    restarted_ms.add(static_cast<double>(session_.observed().streams[shelf].acknowledged_ns - started_ns) * 1e-6);
+    restarted_ms.add(static_cast<double>(session_.observed().streams[desk].acknowledged_ns - started_ns) * 1e-6);
     session_.wait_until("records after a restart",
                         [&](const ObservedSession& now) { return received(now) > before + 1; });
   }

@@ -105,7 +105,7 @@ void MeshSource::flood() {
   constexpr std::int64_t kPeriodNs = 1'000'000;
   session::BulkChunk chunk;
   chunk.pieces.resize(1);
-  const std::size_t max = is_tuned_ ? kTunedChunkBytes : session::kMaxPayload;
+  const std::size_t max = is_tuned_ ? kTunedChunkBytes : participants_.chunk_bytes();
   const std::size_t size = max - session::header_bytes(chunk.pieces[0].region, 1);
   chunk.pieces[0].payload.assign(size, 0x5a);
   const double chunks_per_period = mbit_ * 1e6 / 8 * kPeriodNs * 1e-9 / static_cast<double>(size);

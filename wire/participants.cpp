@@ -281,7 +281,10 @@ void check_keys(SessionAddress address, const std::vector<std::string>& objects)
 }
 
 std::size_t Participants::chunk_bytes() const noexcept {
-  return session::kMaxPayload - (impl_->security ? kProtectionBytes : 0);
+  // A chunk of kMaxPayload leaves 4 bytes of its frame for padding (pad_if_it_looks_like_statistics). One of 65,536 needs
+  // 8 bytes, so one IP fragment in some seconds at full rate; one of 16 million needs more.
+  constexpr std::size_t kMorePadding = 4;
+  return session::kMaxPayload - kMorePadding - (impl_->security ? kProtectionBytes : 0);
 }
 
 bool Participants::probe_is_realtime() const noexcept { return impl_->probe_realtime; }

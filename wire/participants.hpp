@@ -45,8 +45,9 @@ class Participants {
   /// Throws WireError if the keys of this program restrict it to other users.
   void expect_permitted(const std::string& user) const;
 
-  /// Max encoded size of the pieces of a chunk whose message fits one Ethernet frame. With keys it is smaller, because
-  /// each message has the bytes of its protection, and a proof of its origin for each of at most two readers.
+  /// Max encoded size of the pieces of a chunk whose message fits one Ethernet frame, padding included. With keys it is
+  /// smaller, because each message has the bytes of its protection, and a proof of its origin for each of at most two
+  /// readers.
   [[nodiscard]] std::size_t chunk_bytes() const noexcept;
 
   /// True if the probe participant's threads run at `probe_priority`; false if that is 0 or the system refused it.

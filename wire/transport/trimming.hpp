@@ -9,7 +9,7 @@
 /// History::get_change_nts), so that two endpoints never find each other. Readers of trimmed topics are best effort.
 ///
 /// Measured (`strace -f -e trace=sendto,sendmsg tactus-latency run --link none`): the datagram of a probe state has 280
-/// bytes. Calculated: without trimming it has 368 bytes, and a full chunk, which has 1,468 bytes when trimmed, needs a
+/// bytes. Calculated: without trimming it has 368 bytes, and a full chunk, which has 1,464 bytes when trimmed, needs a
 /// second Ethernet frame.
 #pragma once
 
