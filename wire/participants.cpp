@@ -281,8 +281,8 @@ void check_keys(SessionAddress address, const std::vector<std::string>& objects)
 }
 
 std::size_t Participants::chunk_bytes() const noexcept {
-  // A chunk of kMaxPayload leaves 4 bytes of its frame for padding (pad_if_it_looks_like_statistics). One of 65,536 needs
-  // 8 bytes, so one IP fragment in some seconds at full rate; one of 16 million needs more.
+  // A chunk of kMaxPayload leaves 4 bytes of its frame for padding (pad_if_it_looks_like_statistics). One chunk of
+  // 65,536 needs 8 bytes: one in some seconds at full rate. One of 16 million needs more.
   constexpr std::size_t kMorePadding = 4;
   return session::kMaxPayload - kMorePadding - (impl_->security ? kProtectionBytes : 0);
 }
