@@ -6,7 +6,7 @@
 namespace tactus::netem {
 
 Link::Link(const LinkProfile& profile, std::uint64_t seed)
-    : profile_{profile}, loss_random_{2 * seed}, jitter_random_{2 * seed + 1} {}
+    : profile_{profile}, loss_random_{2 * seed}, jitter_random_{2 * seed + 1}, repeat_random_{~seed} {}
 
 void Link::set_profile(const LinkProfile& profile) {
   profile_ = profile;
@@ -18,6 +18,7 @@ std::optional<std::int64_t> Link::departure(std::int64_t arrival_ns, std::size_t
   // Each frame draws the same number of values, so that the queue and the losses do not change later draws.
   const bool lost = is_lost();
   const std::array<double, 2> noise = jitter_noise();
+  is_repeated_ = profile_.repeat > 0 && uniform_(repeat_random_) < profile_.repeat;
   std::int64_t sent = arrival_ns;
   if (profile_.rate_mbit > 0) {
     const double ns_per_byte = 8e3 / profile_.rate_mbit;
@@ -34,6 +35,7 @@ std::optional<std::int64_t> Link::departure(std::int64_t arrival_ns, std::size_t
     return std::nullopt;
   }
   counts_.bytes += bytes;
+  counts_.repeated += is_repeated_ ? 1 : 0;
   const double delay_ms = std::max(0.0, profile_.delay_ms + jitter(sent, noise));
   std::int64_t departure = sent + std::llround(delay_ms * 1e6);
   if (!profile_.reorder) departure = std::max(departure, last_departure_ns_);

@@ -17,9 +17,10 @@ namespace tactus::netem {
 
 struct LinkCounts {
   std::uint64_t arrived = 0;
-  std::uint64_t dropped = 0;  ///< frames that found the queue full
-  std::uint64_t lost = 0;     ///< frames lost by chance or in a burst
-  std::uint64_t bytes = 0;    ///< bytes of the frames that were neither dropped nor lost
+  std::uint64_t dropped = 0;   ///< frames that found the queue full
+  std::uint64_t lost = 0;      ///< frames lost by chance or in a burst
+  std::uint64_t repeated = 0;  ///< frames that arrive twice
+  std::uint64_t bytes = 0;     ///< bytes of the frames that were neither dropped nor lost, each once
 };
 
 /// Times are in ns on any clock. One thread at a time. Does not allocate.
@@ -31,6 +32,9 @@ class Link {
   /// Returns the departure of a frame of `bytes`, or nothing if the frame is dropped or lost. Arrival times must not
   /// decrease. Departures have the order of arrivals unless the profile reorders. Takes about 0.1 us.
   [[nodiscard]] std::optional<std::int64_t> departure(std::int64_t arrival_ns, std::size_t bytes);
+
+  /// Returns whether the frame of the last departure arrives twice, with the same departure.
+  [[nodiscard]] bool is_repeated() const noexcept { return is_repeated_; }
 
   /// Replaces the profile, which must pass `check`, for later frames, and ends a burst of losses. Frames keep their
   /// order unless the new profile reorders.
@@ -45,10 +49,11 @@ class Link {
   [[nodiscard]] double jitter(std::int64_t at_ns, const std::array<double, 2>& noise);
 
   LinkProfile profile_;
-  std::mt19937_64 loss_random_, jitter_random_;
+  std::mt19937_64 loss_random_, jitter_random_, repeat_random_;
   std::uniform_real_distribution<double> uniform_{0, 1};
   std::normal_distribution<double> normal_;
   bool in_burst_ = false;
+  bool is_repeated_ = false;
   bool has_smooth_jitter_ = false;
   double smooth_jitter_ = 0, smooth_jitter_rate_ = 0;  // in standard deviations, and per kJitterCorrelationMs
   std::int64_t smooth_jitter_ns_ = 0;                  // time of these values

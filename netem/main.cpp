@@ -56,8 +56,9 @@ void print_list() {
   std::printf(
       "\nP0a to P8a: as P0 to P8, with 70 %% of the round trip's delay and jitter from a to b.\n"
       "Settings after colons change a link in both directions, for example\n"
-      "P0:delay=10:jitter=2:reorder:loss=1:burst=0.01/0.25:rate=100:queue=300000\n"
+      "P0:delay=10:jitter=2:reorder:loss=1:burst=0.01/0.25:repeat=1:rate=100:queue=300000\n"
       "Units: delay and jitter in ms, loss in %% of the frames outside bursts, rate in Mbit/s, queue in bytes.\n"
+      "repeat: %% of the frames that arrive twice.\n"
       "burst: probability per frame that a burst of losses begins / that it ends.\n"
       "reorder: each frame has an independent delay and may overtake others.\n");
 }
@@ -75,8 +76,9 @@ void print_end(const LinkedPair& pair, const LinkSettings& link) {
   if (link.medium == Medium::kVeth) return;
   const RelayFigures figures = pair.figures();
   for (const auto& [name, direction] : {std::pair{"a to b", figures.a_to_b}, {"b to a", figures.b_to_a}}) {
-    std::fprintf(stderr, "%s: %llu frames, %llu lost, %llu dropped by a full queue\n", name,
+    std::fprintf(stderr, "%s: %llu frames, %llu lost, %llu repeated, %llu dropped by a full queue\n", name,
                  static_cast<unsigned long long>(direction.arrived), static_cast<unsigned long long>(direction.lost),
+                 static_cast<unsigned long long>(direction.repeated),
                  static_cast<unsigned long long>(direction.dropped));
   }
   if (figures.overflowed > 0)

@@ -331,7 +331,7 @@ struct LinkedPair::Impl {
   }
 };
 
-LinkedPair::LinkedPair(const LinkSettings& settings) : impl_{std::make_unique<Impl>()} {
+LinkedPair::LinkedPair(const LinkSettings& settings) : settings_{settings}, impl_{std::make_unique<Impl>()} {
   check(settings);
   if (const std::string reason = missing_privilege(); !reason.empty()) throw LinkError(reason);
   impl_->make(settings);
@@ -345,6 +345,15 @@ void LinkedPair::enter_namespace(Side side) const { set_namespace(impl_->namespa
 
 pid_t LinkedPair::start(Side side, std::vector<std::string> command) const {
   return start_in(impl_->namespaces[static_cast<std::size_t>(side)].get(), std::move(command));
+}
+
+void LinkedPair::set_profiles(const LinkProfile& a_to_b, const LinkProfile& b_to_a) {
+  if (impl_->relay == nullptr)
+    throw LinkError("link " + settings_.name + ": cannot be changed; expected a relay, as P0");
+  settings_.a_to_b = a_to_b;
+  settings_.b_to_a = b_to_a;
+  check(settings_);
+  impl_->relay->set_profiles(a_to_b, b_to_a);
 }
 
 RelayFigures LinkedPair::figures() const { return impl_->relay != nullptr ? impl_->relay->figures() : RelayFigures{}; }

@@ -54,6 +54,10 @@ class LinkedPair {
   /// Starts a program in the namespace of `side`. All else is as in start_program.
   [[nodiscard]] pid_t start(Side side, std::vector<std::string> command) const;
 
+  /// Replaces the profiles of both directions for later frames. Only with Medium::kRelay. Throws LinkError for settings
+  /// out of range.
+  void set_profiles(const LinkProfile& a_to_b, const LinkProfile& b_to_a);
+
   /// Figures of the relay; all zero with Medium::kVeth.
   [[nodiscard]] RelayFigures figures() const;
   /// Returns whether the relay runs at a real-time priority; true with Medium::kVeth.
@@ -61,6 +65,7 @@ class LinkedPair {
 
  private:
   struct Impl;
+  LinkSettings settings_;
   std::unique_ptr<Impl> impl_;
 };
 

@@ -26,12 +26,14 @@ void check_direction(const std::string& link, const LinkProfile& direction) {
   check_range(link, "loss", direction.loss, 0, 1);
   check_range(link, "probability of the start of bursts", direction.burst_start, 0, 1);
   check_range(link, "probability of the end of bursts", direction.burst_end, 1e-6, 1);
+  check_range(link, "share of repeated frames", direction.repeat, 0, 1);
   check_range(link, "rate, Mbit/s,", direction.rate_mbit, 0, 100'000);
   if (direction.rate_mbit > 0) check_range(link, "queue, bytes,", direction.queue_bytes, 1514, 1e9);
 }
 
 bool limits_rate_only(const LinkProfile& direction) {
-  return direction.delay_ms == 0 && direction.jitter_ms == 0 && !direction.reorder && direction.mean_loss() == 0;
+  return direction.delay_ms == 0 && direction.jitter_ms == 0 && !direction.reorder && direction.mean_loss() == 0 &&
+         direction.repeat == 0;
 }
 
 LinkSettings named_link(const std::string& name) {
@@ -79,6 +81,8 @@ void apply_setting(LinkProfile& direction, const std::string& link, const std::s
     direction.jitter_ms = number(text);
   else if (key == "loss")
     direction.loss = number(text) / 100;
+  else if (key == "repeat")
+    direction.repeat = number(text) / 100;
   else if (key == "rate")
     direction.rate_mbit = number(text);
   else if (key == "queue")
@@ -88,7 +92,8 @@ void apply_setting(LinkProfile& direction, const std::string& link, const std::s
     direction.burst_end = number(text.substr(text.find('/') + 1));
   } else {
     throw LinkError("link " + link + ": no setting '" + setting +
-                    "'; expected delay=MS, jitter=MS, reorder, loss=PERCENT, burst=P/R, rate=MBIT or queue=BYTES");
+                    "'; expected delay=MS, jitter=MS, reorder, loss=PERCENT, burst=P/R, repeat=PERCENT, rate=MBIT or "
+                    "queue=BYTES");
   }
 }
 
@@ -110,7 +115,7 @@ void check(const LinkSettings& settings) {
   check_direction(settings.name, settings.a_to_b);
   check_direction(settings.name, settings.b_to_a);
   if (settings.medium == Medium::kVeth && !(limits_rate_only(settings.a_to_b) && limits_rate_only(settings.b_to_a)))
-    throw LinkError("link veth supports rate and queue only; for delay, jitter or loss use P0 with these settings");
+    throw LinkError("link veth supports rate and queue only; for other settings use P0 with them");
 }
 
 std::string describe(const LinkProfile& profile) {
@@ -127,6 +132,10 @@ std::string describe(const LinkProfile& profile) {
   }
   if (profile.burst_start > 0) {
     std::snprintf(part, sizeof part, " in bursts of %.3g", 1 / profile.burst_end);
+    text += part;
+  }
+  if (profile.repeat > 0) {
+    std::snprintf(part, sizeof part, ", %.4g %% twice", 100 * profile.repeat);
     text += part;
   }
   if (profile.rate_mbit > 0) {

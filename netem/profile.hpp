@@ -28,6 +28,7 @@ struct LinkProfile {
   double burst_end = 1;
   double rate_mbit = 0;                 ///< 10^6 bits of Ethernet frames per second; 0: no limit
   std::uint32_t queue_bytes = 300'000;  ///< size of the queue with a limited rate; a frame that does not fit is dropped
+  double repeat = 0;                    ///< probability that a frame that arrives does so twice, 0 to 1
 
   /// Share of all frames that are lost, in bursts and outside them.
   [[nodiscard]] constexpr double mean_loss() const noexcept {
@@ -80,8 +81,8 @@ struct LinkSettings {
 
 /// Parses a link: a name of kNamedLinks, then settings for both directions. After the name, the suffix `a` means the
 /// asymmetric variant, with 70 % of the round trip's delay and jitter from a to b. Settings are `:delay=MS :jitter=MS
-/// :reorder :loss=PERCENT :burst=P/R :rate=MBIT :queue=BYTES`. Examples: "P4", "P4a", "P0:delay=10:loss=1:rate=100".
-/// Throws LinkError with the expected form.
+/// :reorder :loss=PERCENT :burst=P/R :repeat=PERCENT :rate=MBIT :queue=BYTES`. Examples: "P4", "P4a",
+/// "P0:delay=10:loss=1:rate=100". Throws LinkError with the expected form.
 [[nodiscard]] LinkSettings parse_link(const std::string& text);
 
 /// Throws LinkError for a setting that is out of range or that the medium does not support.

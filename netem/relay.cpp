@@ -76,30 +76,48 @@ void Relay::wait(std::int64_t now_ns) {
   ::ppoll(on.data(), on.size(), has_departure ? &timeout : nullptr, nullptr);
 }
 
+std::uint32_t Relay::allocate_frame() {
+  if (free_.empty()) {
+    frames_.emplace_back();
+    return static_cast<std::uint32_t>(frames_.size() - 1);
+  }
+  const std::uint32_t frame = free_.back();
+  free_.pop_back();
+  return frame;
+}
+
 void Relay::receive(int side) {
   for (int taken = 0; taken < kBurst; ++taken) {
-    std::uint32_t index = 0;
-    if (!free_.empty()) {
-      index = free_.back();
-      free_.pop_back();
-    } else {
-      index = static_cast<std::uint32_t>(frames_.size());
-      frames_.emplace_back();
-    }
+    const std::uint32_t index = allocate_frame();
     Frame& frame = frames_[index];
     const ssize_t bytes = ::read(taps_[side], frame.data.data(), frame.data.size());
-    free_.push_back(index);
-    if (bytes <= 0) return;
-    const auto at = links_[side].departure(monotonic_ns(), static_cast<std::size_t>(bytes));
-    if (!at) continue;
-    if (departures_.size() == kMaxFrames) {
-      ++overflowed_;
+    if (bytes <= 0) {
+      free_.push_back(index);
+      return;
+    }
+    frame.bytes = static_cast<std::uint32_t>(bytes);
+    const auto at = links_[side].departure(monotonic_ns(), frame.bytes);
+    if (!at) {
+      free_.push_back(index);
       continue;
     }
-    free_.pop_back();
-    frame.bytes = static_cast<std::uint32_t>(bytes);
-    departures_.push({*at, order_++, index, 1 - side});
+    if (links_[side].is_repeated()) {
+      const std::uint32_t copy = allocate_frame();
+      frames_[copy] = frame;
+      forward(copy, *at, 1 - side);
+    }
+    forward(index, *at, 1 - side);
   }
+}
+
+/// Sends the frame at the given time, unless too many are in transit.
+void Relay::forward(std::uint32_t frame, std::int64_t at_ns, int to) {
+  if (departures_.size() == kMaxFrames) {
+    ++overflowed_;
+    free_.push_back(frame);
+    return;
+  }
+  departures_.push({at_ns, order_++, frame, to});
 }
 
 void Relay::send_due() {
@@ -117,6 +135,12 @@ void Relay::send_due() {
     ++late_[std::min(static_cast<std::size_t>(late_us), kLateBuckets - 1)];
     late_max_us_ = std::max(late_max_us_, late_us);
   }
+}
+
+void Relay::set_profiles(const LinkProfile& a_to_b, const LinkProfile& b_to_a) {
+  const std::lock_guard lock{mutex_};
+  links_[0].set_profile(a_to_b);
+  links_[1].set_profile(b_to_a);
 }
 
 RelayFigures Relay::figures() const {

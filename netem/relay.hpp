@@ -36,6 +36,8 @@ class Relay {
   void run();
   /// Ends run(). Any thread may call this.
   void stop() noexcept;
+  /// Replaces the profiles, which must pass `check`, for later frames. Any thread may call this.
+  void set_profiles(const LinkProfile& a_to_b, const LinkProfile& b_to_a);
   /// Any thread may call this.
   [[nodiscard]] RelayFigures figures() const;
 
@@ -55,6 +57,8 @@ class Relay {
   };
 
   void receive(int side);
+  [[nodiscard]] std::uint32_t allocate_frame();
+  void forward(std::uint32_t frame, std::int64_t at_ns, int to);
   void send_due();
   void wait(std::int64_t now_ns);
 
@@ -67,7 +71,7 @@ class Relay {
   std::priority_queue<Departure, std::vector<Departure>, std::greater<>> departures_;
   std::uint64_t order_ = 0;
 
-  mutable std::mutex mutex_;         // guards the members below and the counts of links_
+  mutable std::mutex mutex_;         // guards the members below, and links_
   std::vector<std::uint64_t> late_;  // counts by lateness in us; the last one counts all larger values
   double late_max_us_ = 0;
   std::uint64_t overflowed_ = 0, sent_ = 0;

@@ -130,6 +130,25 @@ TEST(ALink, LosesTheShareOfItsProfile) {
   EXPECT_NEAR(static_cast<double>(link.counts().lost), kCount * 0.02, 5 * sd);
 }
 
+TEST(ALink, RepeatsTheShareOfItsProfileAndLosesTheSameFramesAsWithoutRepeats) {
+  LinkProfile profile;
+  profile.loss = 0.2;
+  Link once{profile, kSeed};
+  profile.repeat = 0.1;
+  Link link{profile, kSeed};
+  constexpr int kCount = 200'000;
+  int arrived = 0, repeated = 0;
+  for (int i = 0; i < kCount; ++i) {
+    const bool arrives = link.departure(i, kFrame).has_value();
+    ASSERT_EQ(arrives, once.departure(i, kFrame).has_value());
+    arrived += arrives ? 1 : 0;
+    repeated += arrives && link.is_repeated() ? 1 : 0;
+    EXPECT_FALSE(once.is_repeated());
+  }
+  EXPECT_NEAR(repeated, arrived * 0.1, 5 * std::sqrt(arrived * 0.1 * 0.9));
+  EXPECT_EQ(link.counts().repeated, static_cast<std::uint64_t>(repeated));
+}
+
 TEST(ALink, LosesBurstsOfGeometricallyDistributedLengths) {
   LinkProfile profile;
   profile.burst_start = 0.01;

@@ -122,5 +122,32 @@ TEST_F(RelayTest, LetsFramesOvertakeOnlyWhenItsLinkDoes) {
   }
 }
 
+TEST_F(RelayTest, SendsRepeatedFramesTwiceInOrder) {
+  LinkProfile profile;
+  profile.repeat = 1;
+  start(profile);
+  for (std::uint32_t i = 0; i < 200; ++i) send(0, i);
+  for (std::uint32_t i = 0; i < 200; ++i) {
+    ASSERT_EQ(next(1), i);
+    ASSERT_EQ(next(1), i);
+  }
+  stop();
+  EXPECT_EQ(relay_->figures().a_to_b.repeated, 200u);
+  EXPECT_EQ(relay_->figures().sent, 400u);
+}
+
+TEST_F(RelayTest, UsesNewProfilesForLaterFrames) {
+  LinkProfile losing;
+  losing.loss = 1;
+  start(losing);
+  send(0, 1);
+  while (relay_->figures().a_to_b.lost == 0) std::this_thread::yield();
+  relay_->set_profiles({}, losing);
+  send(0, 2);
+  EXPECT_EQ(next(1), 2u);
+  send(1, 3);
+  while (relay_->figures().b_to_a.lost == 0) std::this_thread::yield();
+}
+
 }  // namespace
 }  // namespace tactus::netem
