@@ -35,7 +35,10 @@ void GroupEndpoints::sync(RemoteUsers& users, const std::array<std::uint64_t, kM
       ++at;
       continue;
     }
-    spdlog::info("users apart: group {:016x} closes", at->first);
+    if (users.is_paused())
+      spdlog::warn("the link is too slow for full-rate states: group {:016x} closes for a time", at->first);
+    else
+      spdlog::info("users apart: group {:016x} closes", at->first);
     at->second.reader.reset();
     dropped_.add(number, std::move(at->second));
     at = endpoints_.erase(at);

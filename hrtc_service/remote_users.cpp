@@ -10,9 +10,12 @@
 namespace tactus::hrtc_service {
 namespace {
 
-constexpr std::int64_t kSilentNs = 300'000'000;     // silence after which a remote probe is removed
-constexpr std::size_t kMaxRemotes = 256;            // probes of all other HRTCs; about 8 MB
-constexpr double kMinLoss = 1e-3;                   // min published share
+constexpr std::int64_t kSilentNs = 300'000'000;  // silence after which a remote probe is removed
+constexpr std::size_t kMaxRemotes = 256;         // probes of all other HRTCs; about 8 MB
+constexpr double kMinLoss = 1e-3;                // min published share
+// Max loss that repeated states make up for. A larger one means that the link is full, and more states would fill it
+// further.
+constexpr double kMaxRepairedLoss = 0.35;
 constexpr std::int64_t kLossAgeNs = 3'000'000'000;  // time for which a reported loss is valid
 
 std::string loss_figure(std::uint64_t participant) {
@@ -33,6 +36,12 @@ void RemoteUsers::on_state(const session::ProbeState& state, session::StateStrea
   Remote& remote = *found;
   const session::Admission admission = remote.probe.on_state(state, stream, session_now_ns);
   if (admission == session::Admission::kImplausible) ++implausible_;
+  if (stream == session::StateStream::kFullRate && admission != session::Admission::kImplausible &&
+      full_rate_.size() < 2 * kMaxRemotes) {
+    FullRate& full_rate = full_rate_[{state.user_id, state.probe}];
+    full_rate.participant = state.origin.participant;
+    full_rate.check.on_state(state.sequence, session_now_ns - state.session_time_ns, now_ns);
+  }
   if (!session::accepted(admission)) return;
   remote.participant = state.origin.participant;
   remote.received_ns = now_ns;
@@ -43,7 +52,7 @@ void RemoteUsers::on_state(const session::ProbeState& state, session::StateStrea
 /// HRTC, so each HRTC has at most kMaxProbes. Returns null if the number is too large, or if there are too many in all.
 RemoteUsers::Remote* RemoteUsers::find_or_add(const session::ProbeState& state, std::int64_t now_ns) {
   if (state.probe >= kMaxProbes) return nullptr;
-  const std::pair<std::uint64_t, std::uint32_t> key{state.user_id, state.probe};
+  const ProbeKey key{state.user_id, state.probe};
   const auto found = remotes_.find(key);
   if (found != remotes_.end()) return &found->second;
   const std::uint64_t participant = state.origin.participant;
@@ -60,9 +69,14 @@ RemoteUsers::Remote* RemoteUsers::find_or_add(const session::ProbeState& state, 
 }
 
 void RemoteUsers::on_metrics(const session::Metrics& metrics, std::int64_t now_ns) {
-  const std::string ours = loss_figure(self_);
-  for (const session::Figure& figure : metrics.figures)
-    if (figure.name == ours) losses_[metrics.origin.participant] = {std::clamp(figure.value, 0.0, 0.5), now_ns};
+  const std::string ours = loss_figure(self_), of_full_rate = ours + session::figures::kOfFullRate;
+  for (const session::Figure& figure : metrics.figures) {
+    if (figure.name == ours) {
+      const bool is_repaired = figure.value >= 0 && figure.value <= kMaxRepairedLoss;
+      losses_[metrics.origin.participant] = {is_repaired ? figure.value : 0, now_ns};
+    }
+    if (figure.name == of_full_rate) modes_.pause(now_ns);
+  }
 }
 
 void RemoteUsers::on_hrtc_gone(std::uint64_t participant) {
@@ -86,7 +100,20 @@ void RemoteUsers::tick(std::int64_t now_ns) {
     ++at;
   }
   loss_.store(loss, std::memory_order_relaxed);
+  check_full_rate(now_ns);
   modes_.tick(now_ns);
+}
+
+void RemoteUsers::check_full_rate(std::int64_t now_ns) {
+  std::size_t too_slow = 0;
+  for (auto at = full_rate_.begin(); at != full_rate_.end();) {
+    too_slow += at->second.check.is_too_slow(now_ns) ? 1 : 0;
+    at = at->second.check.is_active(now_ns) ? std::next(at) : full_rate_.erase(at);
+  }
+  const bool is_own_link = too_slow == full_rate_.size();
+  if (is_own_link && too_slow > 0) modes_.pause(now_ns);
+  for (auto& [key, full_rate] : full_rate_)
+    full_rate.reported_share = !is_own_link && full_rate.check.is_too_slow(now_ns) ? full_rate.check.missed_share() : 0;
 }
 
 void RemoteUsers::add_figures(std::vector<session::Figure>& figures) const {
@@ -98,14 +125,18 @@ void RemoteUsers::add_figures(std::vector<session::Figure>& figures) const {
 }
 
 std::vector<session::Figure> RemoteUsers::losses() const {
-  std::map<std::uint64_t, double> lost;
+  std::map<std::string, double> lost;
+  const auto add = [&lost](const std::string& figure, double share) {
+    if (share > kMinLoss) lost[figure] = std::max(lost[figure], share);
+  };
   for (const auto& [key, remote] : remotes_) {
-    const double share = remote.probe.lost_share();
-    if (share > kMinLoss) lost[remote.participant] = std::max(lost[remote.participant], share);
+    add(loss_figure(remote.participant), remote.probe.lost_share());
   }
+  for (const auto& [key, full_rate] : full_rate_)
+    add(loss_figure(full_rate.participant) + session::figures::kOfFullRate, full_rate.reported_share);
   std::vector<session::Figure> figures;
-  for (const auto& [participant, share] : lost)
-    if (figures.size() < session::kMaxFigures) figures.push_back({loss_figure(participant), share});
+  for (const auto& [figure, share] : lost)
+    if (figures.size() < session::kMaxFigures) figures.push_back({figure, share});
   return figures;
 }
 

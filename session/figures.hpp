@@ -93,6 +93,8 @@ inline constexpr char kImplausible[] = "hrtc.implausible";
 inline constexpr char kPlayout[] = "hrtc.playout_us";  ///< max playout delay of the remote probes
 /// Followed by an HRTC's id, 16 hexadecimal digits: the share of its deadband-coded states that were lost.
 inline constexpr char kLostOf[] = "lost.";
+/// After kLostOf and the id: the share of its full-rate states that were lost or late, if the link is too slow for them.
+inline constexpr char kOfFullRate[] = ".full_rate";
 
 // An HRTC: remote devices of its users.
 inline constexpr char kRemoteDevices[] = "hrtc.remote_devices";

@@ -92,7 +92,15 @@ std::uint64_t Modes::group_for(std::uint64_t user, const Probe& probe) const {
   return group;
 }
 
+void Modes::pause(std::int64_t now_ns) {
+  constexpr int kMaxDoublings = 4;
+  if (now_ns < paused_until_ns_) return;
+  if (now_ns - paused_until_ns_ > settings_.forget_pauses_ns) pauses_ = 0;
+  paused_until_ns_ = now_ns + (settings_.pause_ns << std::min(pauses_++, kMaxDoublings));
+}
+
 void Modes::tick(std::int64_t now_ns) {
+  is_paused_ = now_ns < paused_until_ns_;
   for (auto at = probes_.begin(); at != probes_.end();)
     at = now_ns - at->second.received_ns > settings_.forget_ns ? probes_.erase(at) : std::next(at);
   std::map<std::uint64_t, std::set<std::uint64_t>> own_by_group;
@@ -103,7 +111,7 @@ void Modes::tick(std::int64_t now_ns) {
     if (!is_commanded(user)) ++together[probe.object];
   }
   for (const auto& [user, probe] : probes_) {
-    const std::uint64_t group = group_for(user, probe);
+    const std::uint64_t group = is_paused_ ? 0 : group_for(user, probe);
     if (group == 0 || (!is_commanded(user) && together[group] > settings_.max_collaborating)) continue;
     if (probe.participant == self_)
       own_by_group[group].insert(user);

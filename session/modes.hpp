@@ -18,6 +18,9 @@
 /// and `large-scale` apply to all users or to listed ones, as in `collaborate ann,bob`; `auto` then applies to the
 /// others.
 ///
+/// If a link is too slow for full-rate states (session/full_rate_check.hpp), the HRTC behind it leaves all groups for a
+/// time. Its users then have deadband-coded states only.
+///
 /// No clock and no DDS. One thread at a time.
 #pragma once
 
@@ -40,6 +43,9 @@ struct ModeSettings {
   std::int64_t dwell_ns = 500'000'000;   ///< time that a probe must be apart
   std::int64_t linger_ns = 200'000'000;  ///< time that the endpoints of a finished group remain
   std::int64_t forget_ns = 300'000'000;  ///< time without a state after which a probe is dropped
+  /// Time for which the HRTC leaves all groups if its link is too slow. Doubles each time, four times at most.
+  std::int64_t pause_ns = 30'000'000'000;
+  std::int64_t forget_pauses_ns = 60'000'000'000;  ///< time after a pause until the next one is short again
 };
 
 /// A parsed mode command.
@@ -68,6 +74,11 @@ class Modes {
   void set_command(const ModeCommand& command) { command_ = command; }
   /// Forgets a user who has left.
   void forget_user(std::uint64_t user) { probes_.erase(user); }
+
+  /// Leaves all groups for a time, because the link is too slow for full-rate states.
+  void pause(std::int64_t now_ns);
+  /// Whether the HRTC had left all groups for a time at the last tick.
+  [[nodiscard]] bool is_paused() const noexcept { return is_paused_; }
 
   /// Decides the groups anew.
   void tick(std::int64_t now_ns);
@@ -103,6 +114,9 @@ class Modes {
   std::map<std::uint64_t, CatalogueEntry> objects_;
   std::map<std::uint64_t, Probe> probes_;  // by user
   std::map<std::uint64_t, Group> groups_;
+  std::int64_t paused_until_ns_ = INT64_MIN / 2;
+  int pauses_ = 0;  // successive ones
+  bool is_paused_ = false;
 };
 
 }  // namespace tactus::session

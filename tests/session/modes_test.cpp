@@ -74,6 +74,30 @@ TEST_F(TwoHrtcs, FormNoGroupAtDifferentObjects) {
   EXPECT_THAT(first_.groups(), IsEmpty());
 }
 
+TEST_F(TwoHrtcs, AreInNoGroupForLongerPausesEachTime) {
+  stay(100, 0.14, 0.12);
+  match_peers();
+  for (const std::int64_t pause_ms : {30'000, 60'000, 120'000, 240'000, 480'000, 480'000}) {
+    ASSERT_EQ(first_.group_of(kAnn), 100u);
+    first_.pause(now_);
+    first_.pause(now_ + kMs);  // has no effect during a pause
+    stay(20, 0.14, 0.12);
+    EXPECT_TRUE(first_.is_paused());
+    EXPECT_EQ(first_.group_of(kAnn), 0u);
+    EXPECT_EQ(second_.group_of(kBob), 100u) << "its own link may be fast";
+    stay(pause_ms - 40, 0.14, 0.12);
+    EXPECT_THAT(first_.groups(), IsEmpty());
+    stay(40, 0.14, 0.12);
+    EXPECT_FALSE(first_.is_paused());
+    EXPECT_THAT(first_.groups(), ElementsAre(100));
+    match_peers();
+  }
+  stay(61'000, 0.14, 0.12);
+  first_.pause(now_);
+  stay(30'020, 0.14, 0.12);
+  EXPECT_FALSE(first_.is_paused()) << "short again after a minute without a pause";
+}
+
 TEST_F(TwoHrtcs, FormNoGroupOfMoreThanTheMaxUsersUnlessCommanded) {
   constexpr std::size_t kMax = 8;
   const auto stay_with = [&](std::size_t others) {
