@@ -167,14 +167,9 @@ void measure_clock(const FaultSettings& settings, WrongClock clock, Report& repo
   LiveSession& session = touched.session();
   // The programs of a time namespace have another monotonic clock. A clock cannot be before the start of the machine.
   // So the other programs are ahead of the HRTC whose clock is behind.
+  const std::vector<std::string> ahead{"/usr/bin/unshare", "--time", "--monotonic", std::to_string(kHour), "--fork"};
   const auto start = [&](Side side, const std::string& name, const std::vector<std::string>& arguments, bool is_ahead) {
-    std::vector<std::string> command{"/usr/bin/nsenter", "--net=/run/netns/" + session.pair().name(side)};
-    if (is_ahead)
-      command.insert(command.end(), {"/usr/bin/unshare", "--time", "--monotonic", std::to_string(kHour), "--fork"});
-    command.push_back(program_path(name));
-    command.insert(command.end(), arguments.begin(), arguments.end());
-    command.insert(command.end(), {"--session", session.address("").session, "--plain"});
-    return std::make_unique<Process>(command);
+    return session.start(side, name, arguments, is_ahead ? ahead : std::vector<std::string>{});
   };
   const auto host = start(Side::kA, "host", {"--name", "museum", touched.path("organ.spm")}, is_behind);
   const auto right = start(Side::kB, "hrtc", touched.hrtc_arguments("right", {"bob"}, {"--no-coding"}), is_behind);

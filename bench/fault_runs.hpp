@@ -20,6 +20,12 @@ void measure_killed_hrtc(const FaultSettings& settings, Report& report);
 void measure_narrow_link(const FaultSettings& settings, Report& report);
 /// Requests regions over a link that loses 5 % of the frames, and then over one that loses 1 %.
 void measure_loss_of_fragments(const FaultSettings& settings, Report& report);
+/// Repeats one of ten frames.
+void measure_repeated_frames(const FaultSettings& settings, Report& report);
+/// Limits the link of one HRTC of two.
+void measure_slow_link(const FaultSettings& settings, Report& report);
+/// Gives an HRTC 64 MB of memory.
+void measure_small_memory(const FaultSettings& settings, Report& report);
 /// Sends 10,000 packets a second of random bytes to all ports of an HRTC.
 void measure_flood(const FaultSettings& settings, Report& report);
 /// Runs an HRTC whose monotonic clock is an hour ahead of that of the other programs.

@@ -94,8 +94,11 @@ wire::SessionAddress LiveSession::address(const std::string& participant) const 
 }
 
 std::unique_ptr<LiveSession::Process> LiveSession::start(netem::Side side, const std::string& name,
-                                                         std::vector<std::string> arguments) {
-  std::vector<std::string> command{"/usr/bin/nsenter", "--net=/run/netns/" + pair_.name(side), program_path(name)};
+                                                         std::vector<std::string> arguments,
+                                                         const std::vector<std::string>& launcher) {
+  std::vector<std::string> command{"/usr/bin/nsenter", "--net=/run/netns/" + pair_.name(side)};
+  command.insert(command.end(), launcher.begin(), launcher.end());
+  command.push_back(program_path(name));
   command.insert(command.end(), arguments.begin(), arguments.end());
   command.insert(command.end(), {"--session", session_});
   if (keys_) {

@@ -66,9 +66,11 @@ class LiveSession {
   ~LiveSession();
 
   /// Starts the program tactus-`name` as a participant of this session. In a secured session it gets the keys of the
-  /// participant that the option --name of its arguments names, or of one with the name of the program.
+  /// participant that the option --name of its arguments names, or of one with the name of the program. `launcher`: a
+  /// command that executes the command that follows it; may be empty.
   [[nodiscard]] std::unique_ptr<Process> start(netem::Side side, const std::string& name,
-                                               std::vector<std::string> arguments);
+                                               std::vector<std::string> arguments,
+                                               const std::vector<std::string>& launcher = {});
   [[nodiscard]] wire::SessionAddress address(const std::string& participant) const;
   [[nodiscard]] netem::LinkedPair& pair() noexcept { return pair_; }
 

@@ -52,9 +52,22 @@ MemoryGroup::~MemoryGroup() { ::rmdir(folder_.c_str()); }
 
 void MemoryGroup::add(pid_t process) const { write("cgroup.procs", std::to_string(process)); }
 
+std::vector<std::string> MemoryGroup::launcher() const {
+  return {"/bin/sh", "-c", "echo $$ > '" + (folder_ / "cgroup.procs").string() + "' && exec \"$@\"", "sh"};
+}
+
+void MemoryGroup::limit(std::size_t bytes) const { write(limit_file(), std::to_string(bytes)); }
+
+std::uint64_t MemoryGroup::ended_processes() const {
+  std::ifstream events{folder_ / (is_version_1_ ? "memory.oom_control" : "memory.events")};
+  std::uint64_t count = 0;
+  for (std::string name; events >> name >> count;)
+    if (name == "oom_kill") return count;
+  throw std::runtime_error("found no number of ended processes of " + folder_.string());
+}
+
 void MemoryGroup::exhaust(pid_t victim) const {
-  const std::string limit = is_version_1_ ? "memory.limit_in_bytes" : "memory.max";
-  write(limit, std::to_string(used_bytes() + kMargin));
+  limit(used_bytes() + kMargin);
   const int group = ::open((folder_ / "cgroup.procs").c_str(), O_WRONLY | O_CLOEXEC);
   const int victim_fd = static_cast<int>(syscall(SYS_pidfd_open, victim, 0));
   const pid_t child = fork();
@@ -69,9 +82,11 @@ void MemoryGroup::exhaust(pid_t victim) const {
   const bool has_ended = poll(&end, 1, 1000) == 1;
   ::close(group);
   ::close(victim_fd);
-  write(limit, is_version_1_ ? "-1" : "max");
+  write(limit_file(), is_version_1_ ? "-1" : "max");
   if (!has_ended) throw std::runtime_error("a lack of memory did not end process " + std::to_string(victim));
 }
+
+const char* MemoryGroup::limit_file() const noexcept { return is_version_1_ ? "memory.limit_in_bytes" : "memory.max"; }
 
 void MemoryGroup::write(const std::string& file, const std::string& text) const {
   std::ofstream stream{folder_ / file};

@@ -1,11 +1,13 @@
-/// Makes memory short for some processes, so that the system ends one of them. Needs root.
+/// Limits the memory of some processes, and makes it short, so that the system ends one of them. Needs root.
 #pragma once
 
 #include <sys/types.h>
 
 #include <cstddef>
+#include <cstdint>
 #include <filesystem>
 #include <string>
+#include <vector>
 
 namespace tactus::bench {
 
@@ -20,12 +22,19 @@ class MemoryGroup {
   MemoryGroup& operator=(const MemoryGroup&) = delete;
 
   void add(pid_t process) const;
+  /// Returns a command that executes in the group the command that follows it.
+  [[nodiscard]] std::vector<std::string> launcher() const;
+  /// Limits the memory of the group, bytes. The system ends a process of it if even then the group needs more.
+  void limit(std::size_t bytes) const;
+  /// Returns the number of processes that the system has ended because of the limit.
+  [[nodiscard]] std::uint64_t ended_processes() const;
   /// Limits the group to slightly more than it uses. Then another process in it takes memory until `victim` has ended.
   /// Throws std::runtime_error if the system ends that process instead.
   void exhaust(pid_t victim) const;
 
  private:
   void write(const std::string& file, const std::string& text) const;
+  [[nodiscard]] const char* limit_file() const noexcept;
   [[nodiscard]] std::size_t used_bytes() const;
 
   bool is_version_1_;

@@ -19,7 +19,6 @@
 #include <CLI/CLI.hpp>
 #include <array>
 #include <cstdio>
-#include <fstream>
 #include <memory>
 #include <optional>
 #include <thread>
@@ -44,28 +43,6 @@ using e2e::Process;
 using std::chrono::milliseconds;
 
 constexpr std::int64_t kSecond = 1'000'000'000;
-
-/// Returns the CPU time of a running process, s. Returns 0 if the process has ended.
-double cpu_seconds(pid_t pid) {
-  std::ifstream file{"/proc/" + std::to_string(pid) + "/stat"};
-  std::string text;
-  std::getline(file, text);
-  const std::size_t name_end = text.rfind(')');
-  if (name_end == std::string::npos) return 0;
-  std::istringstream fields{text.substr(name_end + 2)};
-  std::string skipped;
-  for (int i = 0; i < 11; ++i) fields >> skipped;
-  double user = 0, system = 0;
-  fields >> user >> system;
-  return (user + system) / static_cast<double>(::sysconf(_SC_CLK_TCK));
-}
-
-/// Returns the CPU time of a running program and of the processes that it has started, s.
-double cpu_seconds(const Process& program) {
-  double sum = 0;
-  for (const pid_t pid : program.pids()) sum += cpu_seconds(pid);
-  return sum;
-}
 
 /// Terminates a program and waits for its end.
 void terminate(Process& program) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <cstdio>
 #include <filesystem>
@@ -14,8 +15,7 @@
 
 #include "bench/models.hpp"
 #include "bench/session_keys.hpp"
-#include "bench/surface_path.hpp"
-#include "spm/fcl/fixed_mesh.hpp"
+#include "bench/surface_recording.hpp"
 #include "spm/offline/model_file.hpp"
 #include "tests/support/process.hpp"
 #include "tests/support/temporary_folder.hpp"
@@ -121,49 +121,25 @@ class Testbed {
   }
   /// Writes the recording of a tip that follows a path at `speed`, m/s, and stores the path in `path_`.
   void write_path(const std::string& name, const LoadedModel& subject, double speed) {
-    const double unit = subject.model.summary.metres_per_unit;
-    const spm::fcl::FixedMesh finest{subject.model.positions, subject.finest};
-    const PathSettings path{kRadius / unit, kDepth / unit, speed * kPeriod / unit, 30'000, 1};
-    std::ofstream out{folder_.path() / name};
-    out.precision(9);
-    double time = 0;
-    path_.clear();
-    for (const spm::Vec3d& at : surface_path(subject.model.positions, subject.finest, path,
-                                             [&](const spm::Vec3d& p) { return finest.distance(p); })) {
-      path_.push_back(at * unit);
-      write_row(out, time, path_.back());
-      time += kPeriod;
-    }
-    if (!out.flush()) throw std::runtime_error("cannot write " + name);
+    path_ = follow_surface(subject, speed);
+    write_recording(folder_.path() / name, path_, kRecordingPeriod);
   }
   /// Writes the recording of a tip that rests at a point of `path_`. The points of all HRTCs are evenly spaced.
   void write_resting(int index, int count) const {
-    const std::string name = resting_recording(index) + ".csv";
-    std::ofstream out{folder_.path() / name};
-    out.precision(9);
     const std::size_t at = path_.size() * static_cast<std::size_t>(index) / static_cast<std::size_t>(count);
-    for (const double time : {0.0, 60.0}) write_row(out, time, path_[at]);
-    if (!out.flush()) throw std::runtime_error("cannot write " + name);
+    write_recording(folder_.path() / (resting_recording(index) + ".csv"), std::array{path_[at], path_[at]}, 60);
   }
   /// Writes the recording of a tip that follows a part of `path_`. The starts of all probes' parts are evenly spaced.
   void write_moving(int index) const {
-    const std::string name = moving_recording(index) + ".csv";
-    std::ofstream out{folder_.path() / name};
-    out.precision(9);
     constexpr std::size_t kSteps = 20'000, kStride = 5;
     const std::size_t steps = std::min(kSteps, path_.size());
     const std::size_t from =
         (path_.size() - steps) * static_cast<std::size_t>(index) / static_cast<std::size_t>(settings_.probes);
-    for (std::size_t i = 0; i < steps; i += kStride) write_row(out, static_cast<double>(i) * kPeriod, path_[from + i]);
-    if (!out.flush()) throw std::runtime_error("cannot write " + name);
-  }
-  static void write_row(std::ofstream& out, double time, const spm::Vec3d& at) {
-    out << time << ',' << at[0] << ',' << at[1] << ',' << at[2] << '\n';
+    std::vector<spm::Vec3d> positions;
+    for (std::size_t i = 0; i < steps; i += kStride) positions.push_back(path_[from + i]);
+    write_recording(folder_.path() / (moving_recording(index) + ".csv"), positions, kStride * kRecordingPeriod);
   }
 
-  static constexpr double kPeriod = 0.001;    // s
-  static constexpr double kRadius = 0.003;    // of the tip, m
-  static constexpr double kDepth = 0.0003;    // of the tip in the surface, m
   static constexpr double kSlowSpeed = 0.05;  // m/s
   static constexpr double kFastSpeed = 0.3;   // m/s, of the impaired HRTC's tip
 
