@@ -40,7 +40,8 @@ class RemoteUsers {
   }
   void on_state(const session::ProbeState& state, session::StateStream stream, std::int64_t now_ns,
                 std::int64_t session_now_ns);
-  /// Reads from the metrics of another HRTC the share of our states that it lost.
+  /// Reads from the metrics of another HRTC the share of our states that it lost, and whether our full-rate states are
+  /// late there.
   void on_metrics(const session::Metrics& metrics, std::int64_t now_ns);
   void on_hrtc_gone(std::uint64_t participant);
   void on_user_left(std::uint64_t user) { modes_.forget_user(user); }
