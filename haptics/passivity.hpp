@@ -23,7 +23,9 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
+#include <utility>
 
 #include "spm/model.hpp"
 
@@ -77,43 +79,79 @@ class PassivityController {
   bool started_ = false;
 };
 
-/// Limits how fast a spring between hand and body regains its strength, so that it gains no energy.
+/// A spring with a limited force: min(stiffness * stretch, max_force). It may be a rotational spring: N m/rad, N m, rad.
+struct LimitedSpring {
+  double stiffness = 0;  ///< N/m
+  double max_force = 0;  ///< N
+
+  [[nodiscard]] double force(double stretch) const noexcept { return std::min(stiffness * stretch, max_force); }
+  /// Returns the energy in the spring, J.
+  [[nodiscard]] double energy(double stretch) const noexcept {
+    const double linear = std::min(stretch, max_linear());
+    return 0.5 * stiffness * linear * linear + max_force * (stretch - linear);
+  }
+  /// The inverse of `energy`. Returns the stretch, m. The stiffness must be above 0.
+  [[nodiscard]] double stretch(double energy) const noexcept {
+    const double linear = max_linear(), at_limit = 0.5 * stiffness * linear * linear;
+    return energy <= at_limit ? std::sqrt(2 * energy / stiffness) : linear + (energy - at_limit) / max_force;
+  }
+
+ private:
+  /// Stretch at which the force reaches its limit, m.
+  [[nodiscard]] double max_linear() const noexcept { return max_force / std::max(stiffness, 1e-9); }
+};
+
+/// Limits the spring between hand and body when it regains its strength, so that it gains no energy.
 ///
 /// A spring loses strength when poses are old. Meanwhile hand and body may move apart without a force. If the spring
-/// then had its full strength at once, no hand would have supplied its energy. So a rise costs the energy
-///
-///     (strength - strength before) * stored energy of the full spring
-///
-/// and may use the energy that earlier falls in the same contact have released, or the part of the port's E above the
-/// energy of the spring. Without either, the spring stays weak until the hand approaches the body, where the spring is
-/// short and a rise costs little.
+/// then had its full strength and length at once, no hand would have supplied its energy. So a rise may use only the
+/// energy that earlier falls in the same contact have released, or the part of the port's E above the energy of the
+/// spring. If this is too little, the spring gets a rest length: hand and body stay apart by this length. The spring
+/// keeps its whole stiffness, so a hand that pushes on feels the body as stiff as before, only deeper. The rest length
+/// ends when the hand moves back, or when there is energy for it.
 ///
 /// SI. One thread at a time. Realtime.
-class StrengthLimiter {
+class SpringLimiter {
  public:
-  /// Begins a contact, whose first strength is not limited.
+  /// Begins a contact, whose first spring is not limited.
   void reset() noexcept { *this = {}; }
+  /// A cycle in which the tip or tool has left the body, perhaps by a bounce. If the distance grows meanwhile, a rest
+  /// length grows with it. A longer interruption ends the contact.
+  void interrupt() noexcept {
+    constexpr int kMaxInterruption = 100;  // cycles
+    if (++interruption_ > kMaxInterruption) reset();
+  }
 
-  /// Returns the strength of the spring until the next cycle, 0 to `wanted`. `wanted`: strength before this limit, 0 to
-  /// 1; `stored`: energy of the spring at full strength, J; `energy`: E of its port, J.
-  [[nodiscard]] double step(double wanted, double stored, double energy) noexcept {
+  /// Returns the rest length until the next cycle, 0 to `length`. `strength`: share of the force of `spring` that acts
+  /// until the next cycle, 0 to 1; `length`: distance of hand and body, m; `energy`: E of their port, J.
+  [[nodiscard]] double step(double strength, const LimitedSpring& spring, double length, double energy) noexcept {
     constexpr double kFree = 5e-7;  // J, energy of a short spring, which is not counted
-    if (!has_strength_ || stored <= kFree) {
+    const double whole = spring.energy(length);
+    if (std::exchange(interruption_, 0) > 0 && rest_length_ > 0) rest_length_ += std::max(0.0, length - length_);
+    length_ = length;
+    if (!has_strength_ || whole <= kFree) {
       has_strength_ = true;
-      released_ = stored <= kFree ? 0 : released_;
-      return strength_ = wanted;
+      released_ = whole <= kFree ? 0 : released_;
+      strength_ = strength;
+      return rest_length_ = 0;
     }
-    const double cost = (wanted - strength_) * stored;
-    const double available = std::max({0.0, released_, energy - strength_ * stored});
-    if (cost > available) wanted = strength_ + available / stored;
-    released_ = std::max(0.0, released_ - (wanted - strength_) * stored);
-    return strength_ = wanted;
+    rest_length_ = std::min(rest_length_, length);
+    const double before = strength_ * spring.energy(length - rest_length_);
+    const double most = before + std::max({0.0, released_, energy - before});
+    const double after = std::min(strength * whole, most);
+    // Where `most` is the smaller one, the strength is above 0.
+    rest_length_ = after < strength * whole ? std::max(0.0, length - spring.stretch(after / strength)) : 0;
+    released_ = std::max(0.0, released_ - (after - before));
+    strength_ = strength;
+    return rest_length_;
   }
 
  private:
   bool has_strength_ = false;
-  double strength_ = 0;  // of the last cycle
-  double released_ = 0;  // J, released by falls of the strength and not used by a rise
+  int interruption_ = 0;              // cycles since the last step
+  double strength_ = 0, length_ = 0;  // of the last step
+  double rest_length_ = 0;            // m
+  double released_ = 0;               // J, released by falls of the strength and not used by a rise
 };
 
 }  // namespace tactus::haptics

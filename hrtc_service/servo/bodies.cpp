@@ -19,12 +19,6 @@ Placement placement_of(const haptics::BodyState& state, const TouchObject& objec
   return Placement{sharing::pose_of(state, object.body->centre), object.placement.scale()};
 }
 
-/// Returns the energy in a spring with limited force, J.
-double spring_energy(double stiffness, double stretch, double max_force) noexcept {
-  const double within = std::min(stretch, max_force / std::max(stiffness, 1e-9));
-  return 0.5 * stiffness * within * within + max_force * (stretch - within);
-}
-
 /// Returns the ratio of the limited force to the force before the limits, at most 1.
 double force_share(double limited, double unlimited) noexcept {
   return unlimited > 0 ? std::min(1.0, limited / unlimited) : 0.0;
@@ -32,6 +26,20 @@ double force_share(double limited, double unlimited) noexcept {
 
 /// Returns the factor that reduces `size` to `max`, at most 1.
 double clamp_factor(double size, double max) noexcept { return size > max ? max / size : 1.0; }
+
+/// Returns the part of `vector` that has the length `length`, at most the whole vector.
+Vec3d part_of(const Vec3d& vector, double length) noexcept {
+  return length > 0 ? Vec3d(std::min(1.0, length / vector.norm()) * vector) : Vec3d(Vec3d::Zero());
+}
+
+/// Returns the rendered force of a spring that has slack. `rendered`: the force with the limits of haptics/force.hpp for
+/// the spring without slack; `whole`: before these limits; `wanted`: before these limits, with the slack.
+Vec3d slackened(const Vec3d& rendered, const Vec3d& whole, const Vec3d& wanted, double strength, double max) noexcept {
+  if (wanted == whole) return rendered;
+  // The part that remains after the limits on the change of the force.
+  const double remains = force_share(rendered.norm(), strength * std::min(whole.norm(), max));
+  return remains * strength * clamp_factor(wanted.norm(), max) * wanted;
+}
 
 /// Returns the limits of a rotational port, for the wrist of a hand and a grip of some centimetres.
 haptics::PassivitySettings rotational_port_settings() noexcept {
@@ -174,12 +182,10 @@ void Bodies::apply_received_poses(Cycle& cycle, std::int64_t now_ns) noexcept {
   }
 }
 
-double Bodies::strength_factor(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device,
-                               double energy_to_body, double stored) noexcept {
-  const double wanted = cycle.renderer(probe).strength();
+double Bodies::rest_length(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device,
+                           double energy_to_body, const haptics::LimitedSpring& spring, double length) noexcept {
   const double energy = ports_[probe].energy_at(device.position, energy_to_body);
-  const double strength = strengths_[probe].step(wanted, stored, energy);
-  return wanted > 0 ? strength / wanted : 1;
+  return spring_limiters_[probe].step(cycle.renderer(probe).strength(), spring, length, energy);
 }
 
 Vec3d Bodies::limit_force(const Cycle& cycle, std::uint32_t probe, const Vec3d& force,
@@ -210,22 +216,30 @@ void Bodies::limit_touch(const Cycle& cycle, std::uint32_t p, const haptics::Dev
   HandSpring& hand = springs_[p];
   const TouchObject& object = *bodies_[hand.body].object;
   const haptics::ProxyResult& touch = cycle.proxy(p).last();
+  const haptics::ForceRenderer& renderer = cycle.renderer(p);
   const double stiffness = output.stiffness;
   const double damping = object.material.damping;
   const Vec3d relative = device.velocity - touch.surface_velocity;
+  const Vec3d stretch = touch.anchor - device.position;
+  const haptics::LimitedSpring spring{stiffness, renderer.max_force()};
+  const Vec3d slack = part_of(stretch, rest_length(cycle, p, device, energy_to_body, spring, stretch.norm()));
 
-  // The force before the limits of haptics/force.hpp, and the share of this force that remains after them.
-  Vec3d wanted = stiffness * (touch.anchor - device.position);
-  const double push = std::max(0.0, wanted.dot(touch.normal));
-  wanted += std::max(-push, -damping * relative.dot(touch.normal)) * touch.normal;
-  const double stored = spring_energy(stiffness, (touch.anchor - device.position).norm(), settings_.force.max_force);
-  Vec3d force = strength_factor(cycle, p, device, energy_to_body, stored) * vec(output.force);
+  // The forces before the limits of haptics/force.hpp, without and with the slack, and the share of the force that
+  // remains after the limits.
+  const auto pushed = [&](Vec3d force) noexcept {
+    const double push = std::max(0.0, force.dot(touch.normal));
+    force += std::max(-push, -damping * relative.dot(touch.normal)) * touch.normal;
+    return force;
+  };
+  const Vec3d wanted = pushed(stiffness * (stretch - slack));
+  Vec3d force =
+      slackened(vec(output.force), pushed(stiffness * stretch), wanted, renderer.strength(), renderer.max_force());
   const double share = force_share(force.norm(), wanted.norm());
 
   // The spring on the body damps motion along the surface, too. So the force on the hand must damp this motion.
   force -= share * damping * (relative - relative.dot(touch.normal) * touch.normal);
-  output.force = plain(limit_force(cycle, p, force, device, energy_to_body, stored, output));
-  hand.spring = {touch.anchor, device.position, device.velocity, share * stiffness, share * damping};
+  output.force = plain(limit_force(cycle, p, force, device, energy_to_body, spring.energy(stretch.norm()), output));
+  hand.spring = {touch.anchor, device.position + slack, device.velocity, share * stiffness, share * damping};
 }
 
 /// Limits the force of a tool that pushes the body. Sets its coupling as a spring at the contact point, and the
@@ -238,17 +252,24 @@ void Bodies::limit_tool(const Cycle& cycle, std::uint32_t p, const haptics::Devi
   const haptics::ForceRenderer& renderer = cycle.renderer(p);
   const double stiffness = output.stiffness, damping = body.object->material.damping;
   const Vec3d relative = device.velocity - body.state_in_cycle.velocity_at(tool.point);
-  const Vec3d wanted = stiffness * tool.displacement;
-  const double push = std::max(0.0, wanted.dot(tool.normal));
-  const Vec3d damped = wanted + std::max(-push, -damping * relative.dot(tool.normal)) * tool.normal;
-  const double stored = spring_energy(stiffness, tool.displacement.norm(), settings_.force.max_force);
-  const double factor = strength_factor(cycle, p, device, energy_to_body, stored);
-  Vec3d force = factor * vec(output.force);
+  const haptics::LimitedSpring spring{stiffness, renderer.max_force()};
+  const double length = tool.displacement.norm();
+  const double rest = rest_length(cycle, p, device, energy_to_body, spring, length);
+  const Vec3d stretch = tool.displacement - part_of(tool.displacement, rest);
+
+  const auto pushed = [&](const Vec3d& force) noexcept {
+    const double push = std::max(0.0, force.dot(tool.normal));
+    return Vec3d(force + std::max(-push, -damping * relative.dot(tool.normal)) * tool.normal);
+  };
+  const Vec3d wanted = pushed(stiffness * stretch);
+  Vec3d force = slackened(vec(output.force), pushed(stiffness * tool.displacement), wanted, renderer.strength(),
+                          renderer.max_force());
+  const double factor = rest > 0 ? spring.force(length - rest) / spring.force(length) : 1;
   output.torque = plain(Vec3d(factor * vec(output.torque)));
-  const double share = force_share(force.norm(), damped.norm());
+  const double share = force_share(force.norm(), wanted.norm());
   force -= share * damping * (relative - relative.dot(tool.normal) * tool.normal);
-  output.force = plain(limit_force(cycle, p, force, device, energy_to_body, stored, output));
-  hand.spring = {tool.point, tool.point - tool.displacement, device.velocity, share * stiffness, share * damping};
+  output.force = plain(limit_force(cycle, p, force, device, energy_to_body, spring.energy(length), output));
+  hand.spring = {tool.point, tool.point - stretch, device.velocity, share * stiffness, share * damping};
 
   const haptics::ContactImpedance impedance{body.object->material.stiffness, damping};
   const Vec3d coupling_torque =
@@ -257,7 +278,7 @@ void Bodies::limit_tool(const Cycle& cycle, std::uint32_t p, const haptics::Devi
                            ? vec(output.torque)
                            : Vec3d(factor * renderer.strength() *
                                    clamp_factor(coupling_torque.norm(), settings_.force.max_torque) * coupling_torque);
-  hand.torque = -torque - (tool.pose.position - tool.point).cross(share * wanted);
+  hand.torque = -torque - (tool.pose.position - tool.point).cross(share * stiffness * stretch);
 }
 
 /// Limits the force and torque of a hand that holds the body, and sets its springs. A device without torque can still
@@ -269,26 +290,35 @@ void Bodies::limit_held(const Cycle& cycle, std::uint32_t p, const haptics::Devi
   const haptics::ForceRenderer& renderer = cycle.renderer(p);
   const double damping = held.impedance.damping;
   const haptics::ToolGrip& grip = held.grip;
-  const double stretch = (held.hold.pose.position - device.position).norm();
-  const double stored = spring_energy(grip.stiffness, stretch, settings_.force.max_force);
-  const double factor = strength_factor(cycle, p, device, energy_to_body, stored);
-  const Vec3d force = factor * vec(output.force);
-  const double share = force_share(force.norm(), held.pull.force.norm());
-  output.force = plain(limit_force(cycle, p, force, device, energy_to_body, stored, output));
+  const haptics::LimitedSpring spring{grip.stiffness, renderer.max_force()};
+  const Vec3d stretch = held.hold.pose.position - device.position;
+  const double length = stretch.norm(), rest = rest_length(cycle, p, device, energy_to_body, spring, length);
+  const Vec3d slack = part_of(stretch, rest);
+  const Vec3d wanted = held.pull.force - grip.stiffness * slack;
+  const Vec3d force = slackened(vec(output.force), held.pull.force, wanted, renderer.strength(), renderer.max_force());
+  const double share = force_share(force.norm(), wanted.norm());
+  output.force = plain(limit_force(cycle, p, force, device, energy_to_body, spring.energy(length), output));
+  hand.spring = {held.hold.pose.position, device.position + slack, device.velocity, share * grip.stiffness,
+                 share * damping};
 
-  const Vec3d turn = haptics::rotation_to(held.hold, device);
-  const double max_torque = settings_.force.max_torque, wanted = held.pull.torque.norm();
-  double torque_share = factor * renderer.strength() * clamp_factor(wanted, max_torque);
+  Vec3d turn = haptics::rotation_to(held.hold, device);
+  const double factor = rest > 0 ? spring.force(length - rest) / spring.force(length) : 1;
+  double torque_share =
+      factor * renderer.strength() * clamp_factor(held.pull.torque.norm(), settings_.force.max_torque);
   if (renderer.has_torque()) {
-    const double stored_turn = spring_energy(grip.rotational_stiffness, turn.norm(), max_torque);
+    const haptics::LimitedSpring rotational_spring{grip.rotational_stiffness, renderer.max_torque()};
     RotationalPort& rotational = rotational_ports_[p];
     const double energy = rotational.port.energy_at(rotational.angle, rotational.energy_to_body);
-    const double strength = rotational.strength.step(renderer.strength(), stored_turn, energy);
-    const Vec3d torque = (renderer.strength() > 0 ? strength / renderer.strength() : 1.0) * vec(output.torque);
-    torque_share = force_share(torque.norm(), wanted);
-    output.torque = plain(limit_torque(cycle, p, torque, true, stored_turn, output));
+    const double stored = rotational_spring.energy(turn.norm());
+    const Vec3d slack_turn =
+        part_of(turn, rotational.limiter.step(renderer.strength(), rotational_spring, turn.norm(), energy));
+    const Vec3d wanted_torque = held.pull.torque - grip.rotational_stiffness * slack_turn;
+    const Vec3d torque =
+        slackened(vec(output.torque), held.pull.torque, wanted_torque, renderer.strength(), renderer.max_torque());
+    torque_share = force_share(torque.norm(), wanted_torque.norm());
+    output.torque = plain(limit_torque(cycle, p, torque, true, stored, output));
+    turn -= slack_turn;
   }
-  hand.spring = {held.hold.pose.position, device.position, device.velocity, share * grip.stiffness, share * damping};
   hand.rotational_spring = {-turn, renderer.angular_velocity(), torque_share * grip.rotational_stiffness,
                             torque_share * grip.angular_damping};
 }
@@ -312,6 +342,7 @@ void Bodies::limit_forces(const Cycle& cycle, const std::array<ProbeInput, kMaxP
     if (!output.active) {  // reset for the next user
       reductions_[p] = {};
       ports_[p].reset();
+      spring_limiters_[p].reset();
       rotational_ports_[p].port.reset();
       rotational_ports_[p].energy_to_body = 0;
       continue;
@@ -329,8 +360,11 @@ void Bodies::limit_forces(const Cycle& cycle, const std::array<ProbeInput, kMaxP
     if ((output.status & session::kInContact) != 0) hand.body = body_of(output.object);
     if (hand.body != kMaxBodies) hand.object = output.object;
     hand.torque.setZero();
-    if (hand.object != object_before || has_fault) strengths_[p].reset();
-    if (hand.object != object_before || has_fault || !hand.is_hold) rotational.strength.reset();
+    if (hand.object == spm::kNone)
+      spring_limiters_[p].interrupt();
+    else if (std::exchange(hand.last_object, hand.object) != hand.object || has_fault)
+      spring_limiters_[p].reset();
+    if (hand.object != object_before || has_fault || !hand.is_hold) rotational.limiter.reset();
     if (hand.body == kMaxBodies) {
       (void)ports_[p].step(Vec3d::Zero(), device.position, energy_to_body, settings_.period, false);
     } else if (has_fault) {

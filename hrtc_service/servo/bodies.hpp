@@ -156,8 +156,9 @@ class Bodies {
   };
   /// Springs between a hand and the body that it touches.
   struct HandSpring {
-    std::uint32_t body = kMaxBodies;    // index in bodies_, which changes when others leave; kMaxBodies: none
-    std::uint32_t object = spm::kNone;  // index of its object
+    std::uint32_t body = kMaxBodies;         // index in bodies_, which changes when others leave; kMaxBodies: none
+    std::uint32_t object = spm::kNone;       // index of its object
+    std::uint32_t last_object = spm::kNone;  // that it has touched
     haptics::PointSpring spring;
     bool is_hold = false;                         // the hand holds the body
     haptics::RotationalSpring rotational_spring;  // valid if `is_hold`
@@ -180,10 +181,9 @@ class Bodies {
   /// observes the energy.
   [[nodiscard]] Vec3d limit_torque(const Cycle& cycle, std::uint32_t probe, const Vec3d& torque, bool control,
                                    double stored, const ProbeOutput& output) noexcept;
-  /// Returns the factor for a probe's force and its springs after the limit of StrengthLimiter, 0 to 1. `stored`: as
-  /// in `limit_force`.
-  [[nodiscard]] double strength_factor(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device,
-                                       double energy_to_body, double stored) noexcept;
+  /// Returns the rest length of a probe's spring by SpringLimiter, m. `length`: distance of hand and body, m.
+  [[nodiscard]] double rest_length(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device,
+                                   double energy_to_body, const haptics::LimitedSpring& spring, double length) noexcept;
   void fade_reduction(const Cycle& cycle, std::uint32_t probe, ProbeOutput& output) noexcept;
   void process_orders() noexcept;
   void apply_coupling_order(std::uint32_t i) noexcept;
@@ -210,13 +210,13 @@ class Bodies {
   std::vector<haptics::SharedObject> simulated_;  // simulations, by index in bodies_; size kMaxBodies
   std::array<haptics::PassivityController, kMaxProbes> ports_;
   std::array<double, kMaxProbes> energy_to_body_{};  // J, of each probe since the last step of its port
-  std::array<haptics::StrengthLimiter, kMaxProbes> strengths_;
+  std::array<haptics::SpringLimiter, kMaxProbes> spring_limiters_;
   struct RotationalPort {
     haptics::PassivityController port;
     double energy_to_body = 0;    // J
     Vec3d angle = Vec3d::Zero();  // sum of the device's rotation vectors, rad
     Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
-    haptics::StrengthLimiter strength;
+    haptics::SpringLimiter limiter;
   };
   std::array<RotationalPort, kMaxProbes> rotational_ports_;
   /// The force and torque that a port has removed, N and N m. When its body is withdrawn, the removed part fades out,

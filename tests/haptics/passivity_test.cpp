@@ -141,38 +141,79 @@ TEST(Passivity, BoundsTheCreditAndRefusesInputThatIsNotFinite) {
   EXPECT_TRUE(std::isfinite(port.ledger().energy));
 }
 
-// A rise of strength that costs energy is limited to the energy of earlier falls.
-TEST(StrengthLimiter, LimitsARiseOnlyIfTheSpringIsLongerThanAtTheFall) {
-  constexpr double kStored = 0.01;  // J
-  StrengthLimiter limiter;
-  EXPECT_EQ(limiter.step(1, kStored, kStored), 1) << "the first strength";
-  EXPECT_EQ(limiter.step(0.25, kStored, kStored), 0.25);
-  EXPECT_EQ(limiter.step(1, kStored, 0), 1) << "as long as before";
-  EXPECT_EQ(limiter.step(0, kStored, 0), 0);
-  EXPECT_DOUBLE_EQ(limiter.step(1, 4 * kStored, 0), 0.25) << "four times the energy";
-  EXPECT_DOUBLE_EQ(limiter.step(1, 4 * kStored, 2 * kStored), 0.5) << "the hand has given more";
-  EXPECT_EQ(limiter.step(1, 1e-9, 0), 1) << "the hand is back at the body";
-  (void)limiter.step(0, kStored, 0);
-  limiter.reset();
-  EXPECT_EQ(limiter.step(0.5, kStored, 0), 0.5) << "another contact";
+constexpr LimitedSpring kSpring{1000, 8};
+constexpr double kLength = 0.004;  // m, at which the spring is linear
+
+TEST(LimitedSpring, StretchIsTheInverseOfEnergy) {
+  for (const double stretch : {0.0, 0.001, 0.008, 0.05})
+    EXPECT_NEAR(kSpring.stretch(kSpring.energy(stretch)), stretch, 1e-12);
+  EXPECT_DOUBLE_EQ(kSpring.energy(0.004), 0.5 * 1000 * 0.004 * 0.004);
+  EXPECT_DOUBLE_EQ(kSpring.energy(0.009) - kSpring.energy(0.008), 8 * 0.001) << "the force is at its limit";
 }
 
-TEST(StrengthLimiter, ASpringWithChangingStrengthNeverGivesMoreThanItHasReceived) {
-  constexpr double kStiffness = 1000, kSpeed = 2e-4;  // N/m; m in a step
+// A rise of strength that costs energy is limited to the energy of earlier falls.
+TEST(SpringLimiter, LimitsARiseOnlyIfTheSpringIsLongerThanAtTheFall) {
+  const double stored = kSpring.energy(kLength);
+  SpringLimiter limiter;
+  EXPECT_EQ(limiter.step(1, kSpring, kLength, stored), 0) << "the first strength";
+  EXPECT_EQ(limiter.step(0.25, kSpring, kLength, stored), 0);
+  EXPECT_EQ(limiter.step(1, kSpring, kLength, 0), 0) << "as long as before";
+  EXPECT_EQ(limiter.step(0, kSpring, kLength, 0), 0);
+  EXPECT_NEAR(limiter.step(1, kSpring, 1.5 * kLength, 0), 0.5 * kLength, 1e-12);
+  EXPECT_EQ(limiter.step(1, kSpring, 1e-5, 0), 0) << "the hand is back at the body";
+  (void)limiter.step(0, kSpring, kLength, 0);
+  limiter.reset();
+  EXPECT_EQ(limiter.step(0.5, kSpring, kLength, 0), 0) << "another contact";
+}
+
+TEST(SpringLimiter, ALongerSpringKeepsItsStiffnessAndGetsARestLength) {
+  SpringLimiter limiter;
+  const auto force = [&](double strength, double length, double energy) {
+    return strength * kSpring.force(length - limiter.step(strength, kSpring, length, energy));
+  };
+  double energy = kSpring.energy(kLength);
+  (void)force(1, kLength, energy);
+  for (const double strength : {0.5, 0.0}) (void)force(strength, kLength, energy);
+  // Meanwhile the hand has moved 10 mm deeper.
+  const double deep = kLength + 0.01;
+  for (int step = 0; step <= 100; ++step) (void)force(0.01 * step, deep, energy);
+  EXPECT_NEAR(force(1, deep, energy), 4, 1e-9) << "the force before the fall";
+  EXPECT_NEAR(force(1, deep + 0.001, energy += 4.5e-3), 5, 1e-6) << "1 mm deeper, 1 N more";
+  EXPECT_NEAR(force(1, deep - 0.003, energy -= 12e-3), 1, 1e-6);
+  EXPECT_NEAR(force(1, deep - 0.006, energy -= 0.5e-3), 0, 1e-6) << "the hand is not farther than the rest length";
+  EXPECT_NEAR(force(1, deep - 0.005, energy += 0.5e-3), 1, 1e-6) << "and the rest length has decreased";
+  EXPECT_NEAR(force(1, deep - 0.005, energy += 0.1), 8, 1e-9) << "the hand has given more";
+}
+
+TEST(SpringLimiter, AShortInterruptionEndsNoRestLength) {
+  for (const int cycles : {1, 100, 101}) {
+    SpringLimiter limiter;
+    const double energy = kSpring.energy(kLength);
+    for (const double strength : {1.0, 0.0}) (void)limiter.step(strength, kSpring, kLength, energy);
+    EXPECT_NEAR(limiter.step(1, kSpring, 3 * kLength, energy), 2 * kLength, 1e-12);
+    for (int cycle = 0; cycle < cycles; ++cycle) limiter.interrupt();
+    EXPECT_NEAR(limiter.step(1, kSpring, 4 * kLength, energy), cycles <= 100 ? 3 * kLength : 0, 1e-12);
+  }
+}
+
+TEST(SpringLimiter, ASpringWithChangingStrengthNeverGivesMoreThanItHasReceived) {
+  constexpr double kSpeed = 4e-4, kMaxLength = 0.02;  // m in a step; m
   std::mt19937_64 random{7};
   const auto uniform = [&](double from, double to) { return std::uniform_real_distribution{from, to}(random); };
   for (int run = 0; run < 100; ++run) {
-    StrengthLimiter limiter;
-    double stretch = 0, strength = 1, energy = 0, lowest = 0;
+    SpringLimiter limiter;
+    double length = 0, rest_length = 0, strength = 1, energy = 0, lowest = 0;
     int limited = 0;
     for (int step = 0; step < 2000; ++step) {
-      const double before = stretch;
-      stretch = std::clamp(stretch + uniform(-kSpeed, kSpeed), 0.0, 0.01);
-      energy += strength * 0.5 * kStiffness * (stretch * stretch - before * before);  // work of the ends
-      const double wanted = step / 100 % 2 == 0 ? uniform(0.9, 1) : uniform(0, 0.5);
-      strength = limiter.step(wanted, 0.5 * kStiffness * stretch * stretch, energy);
-      ASSERT_LE(strength, wanted);
-      limited += strength < wanted ? 1 : 0;
+      // While the ends move, strength and rest length are constant.
+      const auto stored = [&] { return strength * kSpring.energy(std::max(0.0, length - rest_length)); };
+      const double before = stored();
+      length = std::clamp(length + uniform(-kSpeed, kSpeed), 0.0, kMaxLength);
+      energy += stored() - before;
+      strength = step / 100 % 2 == 0 ? uniform(0.9, 1) : uniform(0, 0.5);
+      rest_length = limiter.step(strength, kSpring, length, energy);
+      ASSERT_LE(rest_length, length);
+      limited += rest_length > 0 ? 1 : 0;
       lowest = std::min(lowest, energy);
     }
     EXPECT_GE(lowest, -1e-6) << "run " << run;

@@ -366,6 +366,12 @@ void push_through_silence(BoxOnGround& session, Silent silent) {
   session.set_gateway(true);
   push(500, 0);
   EXPECT_GE(session.reports().ports[0].lowest, kMinPortEnergy);
+
+  const Vec3d before = session.body().position;
+  push(500, kSpeed);
+  EXPECT_NEAR(session.output().force[0], 0.5 * kMass * 9.81, 0.3) << "the friction of the ground";
+  EXPECT_GT(before.x() - session.body().position.x(), 0.02) << "the hand pushes the box again";
+  EXPECT_GE(session.reports().ports[0].lowest, kMinPortEnergy);
 }
 
 TEST(BodyOnGround, AForceThatReturnsAfterSilenceGivesABoxNoEnergyThatTheHandHasNotGiven) {
