@@ -303,6 +303,14 @@ TEST_P(FlightDamage, AReplayDetectsImpossibleEvents) {
   });
   const auto first_refine = static_cast<std::size_t>(after_state - messages.begin());
   const std::uint32_t regions = encoded_->compressed().summary().regions;
+  // Which regions have come before this cycle depends on the speed of the machine. Any other one may arrive now.
+  std::set<std::pair<std::uint32_t, std::uint32_t>> arrived;  // objects and regions
+  for (const trace::FlightObjectState& object : state_of(recorded_).objects)
+    for (const std::uint32_t region : object.loaded_regions) arrived.insert({object.object, region});
+  for (std::size_t i = 0; i < first_refine; ++i)
+    if (const auto* const event = std::get_if<trace::FlightEvent>(&recorded_[i]);
+        event != nullptr && event->kind == Kind::kRegionArrived)
+      arrived.insert({event->object, event->region});
   for (const Kind first : {Kind::kObjectArrived, Kind::kRegionArrived, Kind::kRegionRetired, Kind::kRegionDeparted,
                            Kind::kObjectWithdrawn, Kind::kObjectDeparted})
     for (const Kind second :
@@ -310,6 +318,8 @@ TEST_P(FlightDamage, AReplayDetectsImpossibleEvents) {
       for (const std::uint32_t object : {0u, 1u, 63u, ~0u}) {
         if (GetParam() && object != 0) continue;
         for (const std::uint32_t region : {0u, 1u, regions / 2, regions - 1, regions, ~0u}) {
+          const bool may_arrive = region < regions && arrived.count({object, region}) == 0;
+          if (first == Kind::kRegionArrived && second == Kind::kReset && may_arrive) continue;
           messages = recorded_;
           for (const Kind kind : {second, second, first})  // each event is inserted before the previous one
             messages.insert(messages.begin() + static_cast<std::ptrdiff_t>(first_refine) + 1,
