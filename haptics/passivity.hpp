@@ -79,7 +79,7 @@ class PassivityController {
   bool started_ = false;
 };
 
-/// A spring with a limited force: min(stiffness * stretch, max_force). It may be a rotational spring: N m/rad, N m, rad.
+/// A spring with a limited force: min(stiffness * stretch, max_force). Rotational springs have N m/rad, N m and rad.
 struct LimitedSpring {
   double stiffness = 0;  ///< N/m
   double max_force = 0;  ///< N

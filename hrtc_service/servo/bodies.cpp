@@ -32,8 +32,8 @@ Vec3d part_of(const Vec3d& vector, double length) noexcept {
   return length > 0 ? Vec3d(std::min(1.0, length / vector.norm()) * vector) : Vec3d(Vec3d::Zero());
 }
 
-/// Returns the rendered force of a spring that has slack. `rendered`: the force with the limits of haptics/force.hpp for
-/// the spring without slack; `whole`: before these limits; `wanted`: before these limits, with the slack.
+/// Returns the rendered force of a spring that has slack. `rendered`: the force of the spring without slack, with the
+/// limits of haptics/force.hpp; `whole`: before these limits; `wanted`: before these limits, with the slack.
 Vec3d slackened(const Vec3d& rendered, const Vec3d& whole, const Vec3d& wanted, double strength, double max) noexcept {
   if (wanted == whole) return rendered;
   // The part that remains after the limits on the change of the force.
