@@ -32,13 +32,19 @@ Vec3d part_of(const Vec3d& vector, double length) noexcept {
   return length > 0 ? Vec3d(std::min(1.0, length / vector.norm()) * vector) : Vec3d(Vec3d::Zero());
 }
 
-/// Returns the rendered force of a spring that has slack. `rendered`: the force of the spring without slack, with the
-/// limits of haptics/force.hpp; `whole`: before these limits; `wanted`: before these limits, with the slack.
-Vec3d slackened(const Vec3d& rendered, const Vec3d& whole, const Vec3d& wanted, double strength, double max) noexcept {
+/// Returns the rendered force of a spring with a rest length. `rendered`: the force without the rest length, with the
+/// limits of haptics/force.hpp; `whole`: before these limits; `wanted`: before these limits, with the rest length.
+Vec3d with_rest_length(const Vec3d& rendered, const Vec3d& whole, const Vec3d& wanted, double strength,
+                       double max) noexcept {
   if (wanted == whole) return rendered;
   // The part that remains after the limits on the change of the force.
   const double remains = force_share(rendered.norm(), strength * std::min(whole.norm(), max));
   return remains * strength * clamp_factor(wanted.norm(), max) * wanted;
+}
+
+/// Returns the force of a spring with a rest length as a share of the force without it.
+double rest_factor(const haptics::LimitedSpring& spring, double length, double rest_length) noexcept {
+  return rest_length > 0 ? spring.force(length - rest_length) / spring.force(length) : 1.0;
 }
 
 /// Returns the limits of a rotational port, for the wrist of a hand and a grip of some centimetres.
@@ -222,24 +228,23 @@ void Bodies::limit_touch(const Cycle& cycle, std::uint32_t p, const haptics::Dev
   const Vec3d relative = device.velocity - touch.surface_velocity;
   const Vec3d stretch = touch.anchor - device.position;
   const haptics::LimitedSpring spring{stiffness, renderer.max_force()};
-  const Vec3d slack = part_of(stretch, rest_length(cycle, p, device, energy_to_body, spring, stretch.norm()));
+  const Vec3d rest = part_of(stretch, rest_length(cycle, p, device, energy_to_body, spring, stretch.norm()));
 
-  // The forces before the limits of haptics/force.hpp, without and with the slack, and the share of the force that
-  // remains after the limits.
+  // The force before the limits of haptics/force.hpp, and the share of it that remains after them.
   const auto pushed = [&](Vec3d force) noexcept {
     const double push = std::max(0.0, force.dot(touch.normal));
     force += std::max(-push, -damping * relative.dot(touch.normal)) * touch.normal;
     return force;
   };
-  const Vec3d wanted = pushed(stiffness * (stretch - slack));
-  Vec3d force =
-      slackened(vec(output.force), pushed(stiffness * stretch), wanted, renderer.strength(), renderer.max_force());
+  const Vec3d wanted = pushed(stiffness * (stretch - rest));
+  Vec3d force = with_rest_length(vec(output.force), pushed(stiffness * stretch), wanted, renderer.strength(),
+                                 renderer.max_force());
   const double share = force_share(force.norm(), wanted.norm());
 
   // The spring on the body damps motion along the surface, too. So the force on the hand must damp this motion.
   force -= share * damping * (relative - relative.dot(touch.normal) * touch.normal);
   output.force = plain(limit_force(cycle, p, force, device, energy_to_body, spring.energy(stretch.norm()), output));
-  hand.spring = {touch.anchor, device.position + slack, device.velocity, share * stiffness, share * damping};
+  hand.spring = {touch.anchor, device.position + rest, device.velocity, share * stiffness, share * damping};
 }
 
 /// Limits the force of a tool that pushes the body. Sets its coupling as a spring at the contact point, and the
@@ -262,9 +267,9 @@ void Bodies::limit_tool(const Cycle& cycle, std::uint32_t p, const haptics::Devi
     return Vec3d(force + std::max(-push, -damping * relative.dot(tool.normal)) * tool.normal);
   };
   const Vec3d wanted = pushed(stiffness * stretch);
-  Vec3d force = slackened(vec(output.force), pushed(stiffness * tool.displacement), wanted, renderer.strength(),
-                          renderer.max_force());
-  const double factor = rest > 0 ? spring.force(length - rest) / spring.force(length) : 1;
+  Vec3d force = with_rest_length(vec(output.force), pushed(stiffness * tool.displacement), wanted, renderer.strength(),
+                                 renderer.max_force());
+  const double factor = rest_factor(spring, length, rest);
   output.torque = plain(Vec3d(factor * vec(output.torque)));
   const double share = force_share(force.norm(), wanted.norm());
   force -= share * damping * (relative - relative.dot(tool.normal) * tool.normal);
@@ -293,16 +298,17 @@ void Bodies::limit_held(const Cycle& cycle, std::uint32_t p, const haptics::Devi
   const haptics::LimitedSpring spring{grip.stiffness, renderer.max_force()};
   const Vec3d stretch = held.hold.pose.position - device.position;
   const double length = stretch.norm(), rest = rest_length(cycle, p, device, energy_to_body, spring, length);
-  const Vec3d slack = part_of(stretch, rest);
-  const Vec3d wanted = held.pull.force - grip.stiffness * slack;
-  const Vec3d force = slackened(vec(output.force), held.pull.force, wanted, renderer.strength(), renderer.max_force());
+  const Vec3d at_rest = part_of(stretch, rest);
+  const Vec3d wanted = held.pull.force - grip.stiffness * at_rest;
+  const Vec3d force =
+      with_rest_length(vec(output.force), held.pull.force, wanted, renderer.strength(), renderer.max_force());
   const double share = force_share(force.norm(), wanted.norm());
   output.force = plain(limit_force(cycle, p, force, device, energy_to_body, spring.energy(length), output));
-  hand.spring = {held.hold.pose.position, device.position + slack, device.velocity, share * grip.stiffness,
+  hand.spring = {held.hold.pose.position, device.position + at_rest, device.velocity, share * grip.stiffness,
                  share * damping};
 
   Vec3d turn = haptics::rotation_to(held.hold, device);
-  const double factor = rest > 0 ? spring.force(length - rest) / spring.force(length) : 1;
+  const double factor = rest_factor(spring, length, rest);
   double torque_share =
       factor * renderer.strength() * clamp_factor(held.pull.torque.norm(), settings_.force.max_torque);
   if (renderer.has_torque()) {
@@ -310,14 +316,14 @@ void Bodies::limit_held(const Cycle& cycle, std::uint32_t p, const haptics::Devi
     RotationalPort& rotational = rotational_ports_[p];
     const double energy = rotational.port.energy_at(rotational.angle, rotational.energy_to_body);
     const double stored = rotational_spring.energy(turn.norm());
-    const Vec3d slack_turn =
+    const Vec3d turn_at_rest =
         part_of(turn, rotational.limiter.step(renderer.strength(), rotational_spring, turn.norm(), energy));
-    const Vec3d wanted_torque = held.pull.torque - grip.rotational_stiffness * slack_turn;
-    const Vec3d torque =
-        slackened(vec(output.torque), held.pull.torque, wanted_torque, renderer.strength(), renderer.max_torque());
+    const Vec3d wanted_torque = held.pull.torque - grip.rotational_stiffness * turn_at_rest;
+    const Vec3d torque = with_rest_length(vec(output.torque), held.pull.torque, wanted_torque, renderer.strength(),
+                                          renderer.max_torque());
     torque_share = force_share(torque.norm(), wanted_torque.norm());
     output.torque = plain(limit_torque(cycle, p, torque, true, stored, output));
-    turn -= slack_turn;
+    turn -= turn_at_rest;
   }
   hand.rotational_spring = {-turn, renderer.angular_velocity(), torque_share * grip.rotational_stiffness,
                             torque_share * grip.angular_damping};
@@ -360,10 +366,9 @@ void Bodies::limit_forces(const Cycle& cycle, const std::array<ProbeInput, kMaxP
     if ((output.status & session::kInContact) != 0) hand.body = body_of(output.object);
     if (hand.body != kMaxBodies) hand.object = output.object;
     hand.torque.setZero();
-    if (hand.object == spm::kNone)
-      spring_limiters_[p].interrupt();
-    else if (std::exchange(hand.last_object, hand.object) != hand.object || has_fault)
-      spring_limiters_[p].reset();
+    if (hand.object == spm::kNone) spring_limiters_[p].interrupt();
+    const bool is_other = hand.object != spm::kNone && std::exchange(hand.last_object, hand.object) != hand.object;
+    if (is_other || has_fault) spring_limiters_[p].reset();
     if (hand.object != object_before || has_fault || !hand.is_hold) rotational.limiter.reset();
     if (hand.body == kMaxBodies) {
       (void)ports_[p].step(Vec3d::Zero(), device.position, energy_to_body, settings_.period, false);
