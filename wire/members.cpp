@@ -74,16 +74,32 @@ Members::Members(std::filesystem::path folder, keys::Member self, AuditLog& audi
 bool Members::admits(const std::uint8_t* message, std::uint32_t size, const Address& from) {
   const GuidPrefix sender = sender_of(message);
   std::uint32_t at = kRtpsHeader;
+  int handshakes = 0;
   while (const std::optional<Submessage> found = submessage_at(message, size, at)) {
     const std::optional<RtpsData> data = data_of(*found);
     if (data && data->writer == kAnnouncements && !admits_announcement(data->payload, sender, from)) return false;
+    if (data && data->writer == kAuthentication) ++handshakes;
     if (found->last) break;
     at = found->next;
   }
-  const std::shared_lock lock{mutex_};
-  const auto author = participants_.find(sender);
-  if (author == participants_.end() || has_ended(author->second)) return false;
-  return !certificates_.at(author->second.certificate).is_cut_off;
+  {
+    const std::shared_lock lock{mutex_};
+    const auto author = participants_.find(sender);
+    if (author == participants_.end() || has_ended(author->second)) return false;
+    if (certificates_.at(author->second.certificate).is_cut_off) return false;
+  }
+  return handshakes == 0 || admits_handshakes(handshakes, sender, from);
+}
+
+bool Members::admits_handshakes(int count, const GuidPrefix& sender, const Address& from) {
+  {
+    const std::lock_guard lock{handshake_mutex_};
+    const std::int64_t now_ns = realtime::monotonic_ns();
+    while (count > 0 && handshakes_.admits(sender, now_ns)) --count;
+  }
+  if (count == 0) return true;
+  audit_.add({"too many handshakes", "", from(), ""});
+  return false;
 }
 
 bool Members::admits_announcement(const RtpsBytes& payload, const GuidPrefix& sender, const Address& from) {

@@ -4,7 +4,7 @@
 ///                        lease < kMaxLease, few unproved ones of its address    -> the library discovers the sender
 ///     any other message  the sender is recorded, its certificate is not cut off,
 ///                        and it is proved or has announced itself within its
-///                        lease                                                  -> the library reads it
+///                        lease; few handshakes                                  -> the library reads it
 ///     sample             its author is the member that it claims, the role of
 ///                        this member may write the topic, and its keys permit the
 ///                        users and the object that the sample names               -> the program gets it
@@ -24,6 +24,7 @@
 #include <filesystem>
 #include <functional>
 #include <map>
+#include <mutex>
 #include <optional>
 #include <shared_mutex>
 #include <string>
@@ -33,6 +34,7 @@
 #include "keys/member.hpp"
 #include "session/messages.hpp"
 #include "wire/audit.hpp"
+#include "wire/rate_limit.hpp"
 #include "wire/transport/rtps_message.hpp"
 
 namespace tactus::wire {
@@ -64,6 +66,10 @@ class Members {
   static constexpr std::chrono::seconds kMaxUnprovedTime{30};
   /// Longer than the handshake takes if many of its messages are lost: the library repeats each after half a second.
   static constexpr std::chrono::seconds kMaxHandshake{10};
+  /// Messages of handshakes that the library reads from each participant in a second, and RateLimit::kMinBurst at once.
+  /// Each one costs it a verified signature, and with Fast DDS 2.9.1 some 4 KB that it never frees:
+  /// PKIDH::begin_handshake_reply reads the certificate of the sender again after each failure.
+  static constexpr std::uint32_t kMaxHandshakeRate = 2;
 
   /// `folder`: with the keys of this program. `audit` gets an event for each refusal; must outlive this.
   Members(std::filesystem::path folder, keys::Member self, AuditLog& audit);
@@ -131,6 +137,7 @@ class Members {
   };
 
   [[nodiscard]] bool admits_announcement(const RtpsBytes& payload, const GuidPrefix& sender, const Address& from);
+  [[nodiscard]] bool admits_handshakes(int count, const GuidPrefix& sender, const Address& from);
   [[nodiscard]] bool record(const keys::Identity& identity, const GuidPrefix& sender, std::int64_t lease_ns,
                             const Address& from);
   [[nodiscard]] bool is_revoked(const std::string& serial) const;
@@ -157,6 +164,8 @@ class Members {
   std::map<keys::GuidBegin, Certificate> certificates_;
   std::map<GuidPrefix, Participant> participants_;
   std::int64_t made_room_ns_ = 0;
+  std::mutex handshake_mutex_;  // for `handshakes_`
+  RateLimit handshakes_{kMaxHandshakeRate};
 };
 
 }  // namespace tactus::wire

@@ -280,6 +280,23 @@ TEST_F(UnprovedTest, AParticipantThatHasAnnouncedNothingForItsLeaseCannotStayInT
   EXPECT_FALSE(admits({kInfoTime}, sender));
 }
 
+TEST_F(UnprovedTest, TheLibraryReadsFewHandshakesOfAParticipant) {
+  ASSERT_EQ(announce(2, "10.0.0.7"), 2u);
+  GuidPrefix sender = prefix_of(museum_);
+  std::memcpy(&sender[8], &announced_, 4);
+  const std::vector<Bytes> handshake{data({0x00, 0x02, 0x01, 0xc3}, 1, Bytes(200))};
+  const std::vector<Bytes> two{handshake[0], handshake[0]};
+  std::uint32_t admitted = 0;
+  for (int i = 0; i < 1000; ++i) admitted += admits(two, sender, "10.0.0.7") ? 2 : 0;
+  EXPECT_GE(admitted, RateLimit::kMinBurst);
+  EXPECT_LE(admitted, RateLimit::kMinBurst + 20) << "and those of up to 10 s, on a slow machine";
+  EXPECT_THAT(audit(), HasSubstr(R"("event":"too many handshakes","from":"10.0.0.7")"));
+  EXPECT_TRUE(admits({kInfoTime}, sender)) << "another message of this participant";
+  const std::uint32_t first = 1;
+  std::memcpy(&sender[8], &first, 4);
+  EXPECT_TRUE(admits(handshake, sender)) << "of another participant";
+}
+
 TEST_F(UnprovedTest, ALongLeaseIsRefused) {
   const GuidPrefix sender = prefix_of(museum_);
   for (const std::uint32_t lease_s : {30u, 100u, 0x7fffffffu, 0xffffffffu})

@@ -11,8 +11,6 @@
 namespace tactus::wire {
 namespace {
 
-constexpr EntityId kAuthentication{0x00, 0x02, 0x01, 0xc3};
-
 // Sizes in an encrypted submessage (DDS Security 1.1, 9.5.2.3).
 constexpr std::uint32_t kPrefixSize = 20, kKeyAt = 4, kKeySize = 4;
 constexpr std::array<std::uint8_t, 4> kAesGcm256{0, 0, 0, 4};  // the kind of all keys of the library
