@@ -1,4 +1,5 @@
-/// Passivity controller: observes the energy at a hand's port and limits the force so that the energy stays above zero.
+/// Passivity controller: observes the energy at a hand's port and limits the force so that the energy stays positive,
+/// except for PassivitySettings::allowance.
 ///
 /// A force that is constant during a cycle does the work force * displacement on the hand. So the port's energy is
 /// known exactly at each pose:
@@ -8,8 +9,9 @@
 /// F is the force on the hand and x the position of the device, at pose n. W_n is the work on a touched body since the
 /// previous pose; it is zero for a fixed surface. If energy of another user returns through the body, W_n is negative.
 ///
-/// The passivity controller predicts one cycle. It reduces a force that would give the hand more than E, either with
-/// the present motion or with a motion that the hand may begin within the cycle. So it acts when a hand has nearly left
+/// The passivity controller predicts one cycle. It assumes that the next displacement is the present one plus the
+/// maximum acceleration of a hand in the direction of the force. It reduces a force that would then give the hand more
+/// than E. So it acts when a hand has nearly left
 /// a surface: by then a sampled spring has returned more energy than it received. Damping removes any remaining
 /// deficit.
 ///
@@ -103,7 +105,7 @@ struct LimitedSpring {
 
 /// Limits the spring between hand and body when it regains its strength, so that it gains no energy.
 ///
-/// A spring loses strength when poses are old. Meanwhile hand and body may move apart without a force. If the spring
+/// A spring loses strength when poses are stale. Meanwhile hand and body may move apart without a force. If the spring
 /// then had its full strength and length at once, no hand would have supplied its energy. So a rise may use only the
 /// energy that earlier falls in the same contact have released, or the part of the port's E above the energy of the
 /// spring. If this is too little, the spring gets a rest length: hand and body stay apart by this length. The spring
@@ -113,10 +115,11 @@ struct LimitedSpring {
 /// SI. One thread at a time. Realtime.
 class SpringLimiter {
  public:
-  /// Begins a contact, whose first spring is not limited.
+  /// Begins a contact. The first `step` does not limit its spring.
   void reset() noexcept { *this = {}; }
-  /// A cycle in which the tip or tool has left the body, perhaps by a bounce. If the distance grows meanwhile, a rest
-  /// length grows with it. A longer interruption ends the contact.
+  /// Call this in a cycle in which the tip or tool does not touch the body, perhaps because of a bounce. If the
+  /// distance has grown at the next `step`, a rest length grows with it. More than kMaxInterruption such cycles end the
+  /// contact.
   void interrupt() noexcept {
     constexpr int kMaxInterruption = 100;  // cycles
     if (++interruption_ > kMaxInterruption) reset();
@@ -137,9 +140,9 @@ class SpringLimiter {
     }
     rest_length_ = std::min(rest_length_, length);
     const double before = strength_ * spring.energy(length - rest_length_);
-    const double most = before + std::max({0.0, released_, energy - before});
-    const double after = std::min(strength * whole, most);
-    // Where `most` is the smaller one, the strength is above 0.
+    const double max_energy = before + std::max({0.0, released_, energy - before});
+    const double after = std::min(strength * whole, max_energy);
+    // Where `max_energy` is the smaller one, the strength is above 0.
     rest_length_ = after < strength * whole ? std::max(0.0, length - spring.stretch(after / strength)) : 0;
     released_ = std::max(0.0, released_ - (after - before));
     strength_ = strength;

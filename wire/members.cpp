@@ -18,7 +18,7 @@ constexpr std::int64_t kSecondNs = 1'000'000'000;
 constexpr std::int64_t kRoomIntervalNs = kSecondNs;
 constexpr std::int64_t kPresentNs = 10'000'000'000;  // since the last announcement
 constexpr int kDifferingChecks = 3;
-constexpr std::int64_t kSilentNs = 60'000'000'000;  // after which an unused participant makes room
+constexpr std::int64_t kSilentNs = 60'000'000'000;  // of silence, after which a proved participant may be removed
 
 std::string subject_of(const keys::Identity& identity) {
   return std::string{name_of(identity.role)} + " " + identity.name;
@@ -27,7 +27,7 @@ std::string subject_of(const keys::Identity& identity) {
 /// Two certificates of a member differ by their serial number.
 std::string serial_text(const std::string& serial) { return ", serial number " + serial; }
 
-/// The begin of the GUIDs of all participants with one certificate.
+/// The first bytes of the GUIDs of all participants with one certificate.
 keys::GuidBegin begin_of(const GuidPrefix& prefix) {
   keys::GuidBegin begin;
   std::copy_n(prefix.begin(), begin.size(), begin.begin());
@@ -167,7 +167,7 @@ bool Members::record(const keys::Identity& identity, const GuidPrefix& sender, s
     return false;
   }
   const std::unique_lock lock{mutex_};
-  // Everyone can state an identity that fits to a GUID. So nothing is stored for those that are refused.
+  // Everyone can state an identity that matches a GUID. So nothing is stored for those that are refused.
   if (const char* const why = reason_to_cut_off(identity, begin)) {
     audit_.add({"cut off", subject_of(identity), from(), why + serial_text(identity.serial)});
     return false;
@@ -199,8 +199,8 @@ const char* Members::reason_to_cut_off(const keys::Identity& identity, const key
   return known != certificates_.end() && known->second.is_cut_off ? "too many refused samples" : nullptr;
 }
 
-/// Ids are hashes, which a member could make equal to that of another member by the name of an instance. Only those
-/// that have proved their identity keep an id from others.
+/// An id is a hash of a name. A member could choose the name of an instance so that its id equals that of another
+/// member. So an id that a proved participant uses is refused to all other certificates.
 bool Members::is_id_of_another(std::uint64_t id, const keys::GuidBegin& certificate) const {
   return std::any_of(participants_.begin(), participants_.end(), [&](const auto& entry) {
     const Participant& other = entry.second;

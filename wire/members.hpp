@@ -14,8 +14,8 @@
 /// were refused or invalid within kRefusedWindow. Then all its messages are dropped, so the library loses its
 /// participants when their leases end.
 ///
-/// Threads: any. Cost of a message or a sample: one lookup in a tree and, for a restricted member, a search of its
-/// permitted names, with a shared lock.
+/// Threads: any. Cost of a message or a sample: two lookups in trees and, for a restricted member, a search of its
+/// permitted names, with a shared lock; an announcement takes the exclusive lock.
 #pragma once
 
 #include <chrono>
@@ -59,7 +59,8 @@ class Members {
   /// in each traffic class (qos/), so 159 places of a class stay free for members: 256 - 96, without the own one. The
   /// participants of 16 programs of one machine can join at once; others wait until some have proved their identity.
   static constexpr std::size_t kMaxUnproved = 96, kMaxUnprovedFromAddress = 48;
-  /// An announcement with a longer lease is refused. Programs of this project state 4 s, other libraries up to 20 s.
+  /// An announcement with this lease or a longer one is refused. Programs of this project state 4 s, other libraries up
+  /// to 20 s.
   static constexpr std::chrono::seconds kMaxLease{30};
   /// Time after the first announcement of an unproved participant, after which its announcements are refused for two of
   /// its leases. Otherwise it could occupy its place for ever.
@@ -93,8 +94,8 @@ class Members {
   /// Returns the id of the program with this participant; 0 if it is no member.
   [[nodiscard]] std::uint64_t id_of(const GuidPrefix& participant) const;
 
-  /// The library has received an announcement that `admits` let pass. Writes to the audit log that the participant has
-  /// not proved its identity kMaxHandshake after its first announcement.
+  /// The library has received an announcement that `admits` let pass. If the participant has not proved its identity
+  /// within kMaxHandshake of its first one, writes this to the audit log.
   void on_announcement(const GuidPrefix& participant);
 
   /// The library reports whether a participant has proved its identity.

@@ -6,11 +6,11 @@
 /// also accepts a submessage without proof of its origin, although the governance demands this proof, so that every
 /// member could send as another (src/cpp/security/cryptography/AESGCMGMAC_Transform.cpp, deserialize_SecureDataTag).
 ///
-/// A message of the authentication must speak for its sender: the library checks that the certificate fits to the GUID in
-/// the handshake (c.pdata), but not that this is the GUID of the participant that it authenticates.
+/// A message of the authentication must speak for its sender: the library checks that the certificate matches the GUID
+/// in the handshake (c.pdata), but not that this is the GUID of the participant that it authenticates.
 ///
-/// Only the announcements of participants and the messages of the authentication are unencrypted, because DDS Security
-/// cannot encrypt them.
+/// Of the plain submessages with data, only the announcements of participants and the messages of the authentication
+/// are accepted, because DDS Security cannot encrypt them.
 #pragma once
 
 #include <cstdint>
