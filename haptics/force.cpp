@@ -240,12 +240,10 @@ void ForceRenderer::render(const Hold& hold, const ToolGrip& grip, const DeviceS
   limit(pull.force, pull.torque, pose_age, dt);
 }
 
-Vec3d ForceRenderer::slewed(const Vec3d& wanted, const Vec3d& before, double largest) noexcept {
+Vec3d slewed(const Vec3d& wanted, const Vec3d& before, double max_change) noexcept {
   const Vec3d change = wanted - before;
   const double size = change.norm();
-  if (!(size > largest)) return wanted;
-  result_.bits |= kForceSlewLimited;
-  return before + change * (largest / size);
+  return size > max_change ? Vec3d(before + change * (max_change / size)) : wanted;
 }
 
 /// Adds the fading force and torque of a withdrawn object.
@@ -271,8 +269,10 @@ void ForceRenderer::limit(const Vec3d& force, const Vec3d& torque, double pose_a
   if (limited_force != force || (max_torque() > 0 && limited_torque != torque)) result_.bits |= kForceSaturated;
   fade(limited_force, limited_torque, dt);
   if (gain_ < 1 && felt) result_.bits |= kForceSoftStart;
-  Vec3d out = slewed(limited_force * gain_, result_.force, settings_.max_slew * dt);
-  Vec3d out_torque = slewed(limited_torque * gain_, result_.torque, settings_.max_torque_slew * dt);
+  const Vec3d wanted = limited_force * gain_, wanted_torque = limited_torque * gain_;
+  Vec3d out = slewed(wanted, result_.force, settings_.max_slew * dt);
+  Vec3d out_torque = slewed(wanted_torque, result_.torque, settings_.max_torque_slew * dt);
+  if (out != wanted || out_torque != wanted_torque) result_.bits |= kForceSlewLimited;
   if (pose_age >= settings_.zero_force_age - kAgeTolerance) {
     out.setZero();
     out_torque.setZero();

@@ -111,6 +111,9 @@ struct ForceResult {
   return (device_damping + damping) / (cycle / 2 + round_trip);
 }
 
+/// Returns `wanted`, or the closest vector to it whose difference from `before` has at most the length `max_change`.
+[[nodiscard]] Vec3d slewed(const Vec3d& wanted, const Vec3d& before, double max_change) noexcept;
+
 class ForceRenderer {
  public:
   /// `spec` in world units (DeviceFrame::to_world).
@@ -200,7 +203,6 @@ class ForceRenderer {
                            double dt) noexcept;
   /// Applies all limits to a force and a torque.
   void limit(const Vec3d& force, const Vec3d& torque, double pose_age, double dt) noexcept;
-  [[nodiscard]] Vec3d slewed(const Vec3d& wanted, const Vec3d& before, double largest) noexcept;
   /// Applies the surface ramp to a force.
   [[nodiscard]] Vec3d ramped(const Vec3d& pressed, const Vec3d& normal) noexcept;
   void fade(Vec3d& force, Vec3d& torque, double dt) noexcept;

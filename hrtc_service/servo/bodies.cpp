@@ -196,8 +196,11 @@ double Bodies::rest_length(const Cycle& cycle, std::uint32_t probe, const haptic
 
 Vec3d Bodies::limit_force(const Cycle& cycle, std::uint32_t probe, const Vec3d& force,
                           const haptics::DeviceState& device, double energy_to_body, double stored,
-                          const ProbeOutput& output) noexcept {
-  Vec3d allowed = ports_[probe].step(force, device.position, energy_to_body, settings_.period, true, stored);
+                          ProbeOutput& output) noexcept {
+  const Vec3d limited = clamp_factor(force.norm(), cycle.renderer(probe).max_force()) * force;
+  const Vec3d wanted = haptics::slewed(limited, felt_[probe].force, settings_.force.max_slew * settings_.period);
+  if (wanted != limited) output.status |= session::kForceRamped;
+  Vec3d allowed = ports_[probe].step(wanted, device.position, energy_to_body, settings_.period, true, stored);
   allowed *= clamp_factor(allowed.norm(), cycle.renderer(probe).max_force());
   if ((output.status & session::kFault) != 0) allowed.setZero();
   ports_[probe].limited(allowed);
@@ -205,10 +208,16 @@ Vec3d Bodies::limit_force(const Cycle& cycle, std::uint32_t probe, const Vec3d& 
 }
 
 Vec3d Bodies::limit_torque(const Cycle& cycle, std::uint32_t probe, const Vec3d& torque, bool control, double stored,
-                           const ProbeOutput& output) noexcept {
+                           ProbeOutput& output) noexcept {
   RotationalPort& rotational = rotational_ports_[probe];
   const double energy_to_body = std::exchange(rotational.energy_to_body, 0);
-  Vec3d allowed = rotational.port.step(torque, rotational.angle, energy_to_body, settings_.period, control, stored);
+  const Vec3d limited = clamp_factor(torque.norm(), cycle.renderer(probe).max_torque()) * torque;
+  Vec3d wanted = torque;
+  if (control) {
+    wanted = haptics::slewed(limited, felt_[probe].torque, settings_.force.max_torque_slew * settings_.period);
+    if (wanted != limited) output.status |= session::kForceRamped;
+  }
+  Vec3d allowed = rotational.port.step(wanted, rotational.angle, energy_to_body, settings_.period, control, stored);
   allowed *= clamp_factor(allowed.norm(), cycle.renderer(probe).max_torque());
   if ((output.status & session::kFault) != 0) allowed.setZero();
   rotational.port.limited(allowed);
@@ -337,7 +346,12 @@ void Bodies::limit_forces(const Cycle& cycle, const std::array<ProbeInput, kMaxP
     reports_.refused += (began & session::kHoldRefused) != 0 ? 1 : 0;
   }
   for (std::uint32_t p = 0; p < kMaxProbes; ++p) fade_reduction(cycle, p, outputs[p]);
-  if (count_ == 0) return;
+  if (count_ > 0) limit_at_bodies(cycle, inputs, outputs);
+  for (std::uint32_t p = 0; p < kMaxProbes; ++p) felt_[p] = {vec(outputs[p].force), vec(outputs[p].torque)};
+}
+
+void Bodies::limit_at_bodies(const Cycle& cycle, const std::array<ProbeInput, kMaxProbes>& inputs,
+                             std::array<ProbeOutput, kMaxProbes>& outputs) noexcept {
   for (std::uint32_t p = 0; p < kMaxProbes; ++p) {
     ProbeOutput& output = outputs[p];
     const Vec3d force = vec(output.force), torque = vec(output.torque);

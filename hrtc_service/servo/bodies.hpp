@@ -166,6 +166,8 @@ class Bodies {
   };
 
   void add_new_bodies(const Cycle& cycle) noexcept;
+  void limit_at_bodies(const Cycle& cycle, const std::array<ProbeInput, kMaxProbes>& inputs,
+                       std::array<ProbeOutput, kMaxProbes>& outputs) noexcept;
   // `energy_to_body`: work of the probe's spring on the body since the last cycle, J.
   void limit_touch(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device, double energy_to_body,
                    ProbeOutput& output) noexcept;
@@ -173,14 +175,15 @@ class Bodies {
                   ProbeOutput& output) noexcept;
   void limit_held(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device, double energy_to_body,
                   ProbeOutput& output) noexcept;
-  /// Returns the part of a force on the hand that its port permits. `stored`: energy in the spring, J.
+  /// Returns the part of a force on the hand that its maximum change and its port permit. `stored`: energy in the
+  /// spring, J.
   [[nodiscard]] Vec3d limit_force(const Cycle& cycle, std::uint32_t probe, const Vec3d& force,
                                   const haptics::DeviceState& device, double energy_to_body, double stored,
-                                  const ProbeOutput& output) noexcept;
-  /// Returns the part of a torque on the hand that its rotational port permits. If `control` is false, the port only
+                                  ProbeOutput& output) noexcept;
+  /// Returns the part of a torque on the hand that its maximum change and its rotational port permit. If `control` is false, the port only
   /// observes the energy.
   [[nodiscard]] Vec3d limit_torque(const Cycle& cycle, std::uint32_t probe, const Vec3d& torque, bool control,
-                                   double stored, const ProbeOutput& output) noexcept;
+                                   double stored, ProbeOutput& output) noexcept;
   /// Returns the rest length of a probe's spring by SpringLimiter, m. `length`: distance of hand and body, m.
   [[nodiscard]] double rest_length(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device,
                                    double energy_to_body, const haptics::LimitedSpring& spring, double length) noexcept;
@@ -226,6 +229,7 @@ class Bodies {
     haptics::Ramp fading, fading_torque;
   };
   std::array<Reduction, kMaxProbes> reductions_;
+  std::array<haptics::Wrench, kMaxProbes> felt_;  // that each hand feels since the last cycle
   std::array<std::uint32_t, kMaxProbes> status_before_{};
   std::array<HandSpring, kMaxProbes> springs_;
   sharing::Scene scene_;

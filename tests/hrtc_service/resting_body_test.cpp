@@ -324,6 +324,31 @@ TEST(BodyOnGround, AStylusPushesABoxAlongTheGroundAndFeelsItsFriction) {
   EXPECT_GE(session.reports().ports[0].lowest, kMinPortEnergy);
 }
 
+TEST(BodyOnGround, TheForceChangesByAtMostFiveNewtonsInACycle) {
+  constexpr double kMaxChange = 5, kSpeed = 1.4;  // N; m/s, of a device with noise
+  for (const bool has_tool : {false, true}) {
+    SCOPED_TRACE(has_tool ? "stylus" : "tip");
+    BoxOnGround session{has_tool};
+    Vec3d hand{0, 0, BoxOnGround::kGround + 2 * BoxOnGround::kHalfEdge + 0.006};
+    Vec3d before = Vec3d::Zero();
+    double largest = 0, max_change = 0;
+    bool was_limited = false;
+    for (int cycle = 0; cycle < 1000; ++cycle) {
+      hand.z() -= cycle < 900 ? 1e-5 : 0;
+      const double side = cycle < 900 ? 0 : (cycle / 2 % 2 == 0 ? kSpeed : -kSpeed);
+      session.run_cycle(hand, {side, 0, 0});
+      const Vec3d force = hrtc_service::vec(session.output().force);
+      largest = std::max(largest, force.norm());
+      max_change = std::max(max_change, (force - before).norm());
+      was_limited |= cycle >= 900 && (session.output().status & session::kForceRamped) != 0;
+      before = force;
+    }
+    EXPECT_GT(largest, 4);
+    EXPECT_LE(max_change, kMaxChange + 1e-9);
+    EXPECT_TRUE(was_limited);
+  }
+}
+
 TEST(BodyOnGround, ABoxThatIsFarFromItsStartPassesNoHandOnItsWay) {
   for (const bool has_tool : {false, true}) {
     SCOPED_TRACE(has_tool ? "stylus" : "tip");
