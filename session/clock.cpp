@@ -93,9 +93,9 @@ bool SessionClock::on_answer(const ClockSample& answer, std::int64_t local_now_n
   return true;
 }
 
-/// Steers the map towards the best measurement. Steps if the error is above `step_ns`, and at the first measurement if
-/// no force is on. If a step is due while a force is on, session time continues without step and slew, and only its
-/// error bound changes.
+/// Steers the map towards the best measurement. Steps if the error is above `step_ns`, and at the first measurement,
+/// unless a force is on. If a force is on and the error is above `max_slewed_ns`, session time continues without step
+/// and slew, and only its error bound changes.
 void SessionClock::steer(std::int64_t local_now_ns) {
   const auto bound_now = [&](const Measurement& m) {
     return m.bound_ns + std::llround(static_cast<double>(local_now_ns - m.local_ns) * settings_.drift);
@@ -105,11 +105,11 @@ void SessionClock::steer(std::int64_t local_now_ns) {
                         [&](const Measurement& a, const Measurement& b) { return bound_now(a) < bound_now(b); });
   const std::int64_t target = local_now_ns + best.offset_ns;
   const std::int64_t continued = map_.session_time(local_now_ns);
-  const bool is_far = std::abs(target - continued) > settings_.step_ns + bound_now(best);
-  const bool must_step = is_far || (!synchronised_ && !force_on_);
-  waits_for_force_off_ = must_step && force_on_;
+  const std::int64_t distance = std::abs(target - continued), bound = bound_now(best);
+  const bool must_step = !force_on_ && (distance > settings_.step_ns + bound || !synchronised_);
+  waits_for_force_off_ = force_on_ && distance > settings_.max_slewed_ns + bound;
   if (waits_for_force_off_) {
-    const std::int64_t wrong_ns = synchronised_ ? std::abs(target - continued) + bound_now(best) : kClockUnknown;
+    const std::int64_t wrong_ns = synchronised_ ? distance + bound : kClockUnknown;
     map_ = {local_now_ns, continued, 0, local_now_ns, std::min(wrong_ns, kClockUnknown), settings_.drift};
     return;
   }
@@ -118,7 +118,7 @@ void SessionClock::steer(std::int64_t local_now_ns) {
   const std::int64_t error = target - session;
   const double slew = error > 0 ? settings_.max_slew : error < 0 ? -settings_.max_slew : 0;
   const auto duration = std::llround(static_cast<double>(std::abs(error)) / settings_.max_slew);
-  map_ = {local_now_ns, session, slew, local_now_ns + duration, bound_now(best), settings_.drift};
+  map_ = {local_now_ns, session, slew, local_now_ns + duration, bound, settings_.drift};
   synchronised_ = true;
 }
 

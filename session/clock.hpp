@@ -11,9 +11,10 @@
 /// Of the newest answers, the clock uses the one with the smallest error bound. The bound of an answer grows with its
 /// age, because two clocks drift apart. The first answer sets the clock. After that the clock runs slightly faster or
 /// slower until it agrees with the reference. It steps only when the error is above `step_ns` plus the error bound:
-/// then two sessions that began separately have merged. While the caller reports that a force is on, the clock
-/// only slews, because coupled objects and simulated hands move by session time. If it would have to step, it continues
-/// as it is, and its bound states the error.
+/// then two sessions that began separately have merged. While the caller reports that a force is on, the clock only
+/// slews, because coupled objects and simulated hands move by session time. Programs that start together, whose users
+/// touch before there is a reference, differ by up to some seconds. If the error is above `max_slewed_ns` plus the error
+/// bound while a force is on, the clock continues as it is, and its bound states the error.
 ///
 /// Local monotonic nanoseconds are arguments; no clock inside. One thread; a ClockMap may be copied to other threads.
 /// Source: RFC 5905, section 8 (four-stamp exchange) and its clock filter (lowest delay in a window).
@@ -29,11 +30,12 @@
 namespace tactus::session {
 
 struct ClockSettings {
-  std::size_t window = 16;                  ///< number of newest answers that are compared
-  double max_slew = 0.05;                   ///< max difference between the rates of session time and local clock, s/s
-  std::int64_t step_ns = 100'000'000;       ///< an error above this plus the error bound causes a step
-  double drift = 200e-6;                    ///< max drift between two clocks, s/s
-  std::int64_t max_rtt_ns = 1'000'000'000;  ///< answers with a longer round trip are ignored
+  std::size_t window = 16;             ///< number of newest answers that are compared
+  double max_slew = 0.05;              ///< max difference between the rates of session time and local clock, s/s
+  std::int64_t step_ns = 100'000'000;  ///< an error above this plus the error bound causes a step
+  std::int64_t max_slewed_ns = 2'000'000'000;  ///< max error that the clock removes by slewing while a force is on
+  double drift = 200e-6;                       ///< max drift between two clocks, s/s
+  std::int64_t max_rtt_ns = 1'000'000'000;     ///< answers with a longer round trip are ignored
 };
 
 /// Maps local time to session time. Session time slews until `slew_until_ns`; after that it runs at the rate of the

@@ -81,8 +81,8 @@ TimeReference time_reference(const Roster& roster, const Origin& self, Role role
     if (!best) return own;
     const std::int64_t session_ns = clock.map().session_time(local_now_ns);
     if (!outranks(*best, {own, session_ns, clock.joined_ns()})) return own;
-    const bool steps = std::abs(best->session_ns - session_ns) > clock.settings().step_ns;
-    const bool waits = steps && (force_on || is_force_on_with(roster, self.participant));
+    const bool is_far = std::abs(best->session_ns - session_ns) > clock.settings().max_slewed_ns;
+    const bool waits = is_far && (force_on || is_force_on_with(roster, self.participant));
     return waits ? own : best->id;
   }
   // A follower does not change its reference while that participant is a reference. If a session has two references,

@@ -11,7 +11,8 @@
 /// session with the larger time is the older one. A reference begins to follow another one only while neither it nor an
 /// HRTC among its followers has a force on. Each clock delays its step while its own program has a force on
 /// (SessionClock::set_force_on). So session time never steps during a contact. If the times of two sessions differ so
-/// little that clocks need not step, for instance after a short network partition, the sessions merge at once.
+/// little that clocks may slew (ClockSettings::max_slewed_ns), for instance after a short network partition, the
+/// sessions merge at once.
 ///
 /// Compare the bully algorithm (Garcia-Molina 1982), in which the id decides. Here the age of the session decides. For
 /// ages within 1 s of each other, the earlier joining decides, then the smaller id.

@@ -128,12 +128,12 @@ TEST(SessionClock, StepsWhenItsSessionMergesWithAnOlderSession) {
 
 TEST(SessionClock, DoesNotStepWhileAForceIsOn) {
   ClockPair pair{0, 0};
-  pair.restart_requester(600 * kMs);
-  pair.requester_.set_reference(20, 1, pair.local(600 * kMs));  // the requester is alone in its session
-  pair.requester_.set_reference(10, 1, pair.local(700 * kMs));
+  pair.restart_requester(6000 * kMs);
+  pair.requester_.set_reference(20, 1, pair.local(6000 * kMs));  // the requester is alone in its session
+  pair.requester_.set_reference(10, 1, pair.local(7000 * kMs));
   pair.requester_.set_force_on(true);
-  std::int64_t last = pair.requester_.map().session_time(pair.local(700 * kMs));
-  for (std::int64_t t = 700 * kMs; t < 5000 * kMs; t += 100 * kMs) {
+  std::int64_t last = pair.requester_.map().session_time(pair.local(7000 * kMs));
+  for (std::int64_t t = 7000 * kMs; t < 11'000 * kMs; t += 100 * kMs) {
     ASSERT_TRUE(pair.exchange(t, kMs, kMs));
     const std::int64_t now = pair.requester_.map().session_time(pair.local(t + 3 * kMs));
     ASSERT_LT(now - last, 110 * kMs) << "at " << t;
@@ -142,40 +142,44 @@ TEST(SessionClock, DoesNotStepWhileAForceIsOn) {
   }
   EXPECT_TRUE(pair.requester_.waits_for_force_off());
   pair.requester_.set_force_on(false);
-  ASSERT_TRUE(pair.exchange(5000 * kMs, kMs, kMs));
+  ASSERT_TRUE(pair.exchange(11'000 * kMs, kMs, kMs));
 
   EXPECT_FALSE(pair.requester_.waits_for_force_off());
-  EXPECT_LT(std::abs(pair.error(5010 * kMs)), 2 * kMs);
+  EXPECT_LT(std::abs(pair.error(11'010 * kMs)), 2 * kMs);
 }
 
 TEST(SessionClock, DoesNotFollowAFirstAnswerWithALargeErrorWhileAForceIsOn) {
   ClockPair pair{0, 0};
-  pair.restart_requester(600 * kMs);
-  pair.requester_.set_reference(10, 1, pair.local(600 * kMs));
+  pair.restart_requester(6000 * kMs);
+  pair.requester_.set_reference(10, 1, pair.local(6000 * kMs));
   pair.requester_.set_force_on(true);
-  ASSERT_TRUE(pair.exchange(700 * kMs, kMs, kMs));
+  ASSERT_TRUE(pair.exchange(6100 * kMs, kMs, kMs));
 
-  EXPECT_EQ(pair.requester_.map().session_time(pair.local(800 * kMs)), 200 * kMs);
+  EXPECT_EQ(pair.requester_.map().session_time(pair.local(6200 * kMs)), 200 * kMs);
   EXPECT_FALSE(pair.requester_.synchronised());
   pair.requester_.set_force_on(false);
-  ASSERT_TRUE(pair.exchange(900 * kMs, kMs, kMs));
+  ASSERT_TRUE(pair.exchange(6300 * kMs, kMs, kMs));
   EXPECT_TRUE(pair.requester_.synchronised());
-  EXPECT_LT(std::abs(pair.error(910 * kMs)), 2 * kMs);
+  EXPECT_LT(std::abs(pair.error(6310 * kMs)), 2 * kMs);
 }
 
 TEST(SessionClock, FollowsAFirstAnswerWithASmallErrorWhileAForceIsOn) {
-  ClockPair pair{0, 0};
-  pair.restart_requester(60 * kMs);  // programs that one command starts
-  pair.requester_.set_reference(10, 1, pair.local(60 * kMs));
-  pair.requester_.set_force_on(true);
-  ASSERT_TRUE(pair.exchange(1000 * kMs, kMs, kMs));
+  for (const std::int64_t error : {60 * kMs, 220 * kMs, 1500 * kMs}) {  // programs that one command starts
+    SCOPED_TRACE(error / kMs);
+    ClockPair pair{0, 0};
+    pair.restart_requester(error);
+    pair.requester_.set_reference(10, 1, pair.local(error));
+    pair.requester_.set_force_on(true);
+    ASSERT_TRUE(pair.exchange(2000 * kMs, kMs, kMs));
 
-  EXPECT_TRUE(pair.requester_.synchronised());
-  EXPECT_FALSE(pair.requester_.waits_for_force_off());
-  EXPECT_NEAR(static_cast<double>(pair.error(1003 * kMs)), -60.0 * kMs, 1.0 * kMs) << "no step";
-  EXPECT_GE(pair.error_bound(1003 * kMs), std::abs(pair.error(1003 * kMs)));
-  EXPECT_LT(std::abs(pair.error(2500 * kMs)), 2 * kMs);
-  EXPECT_NE(pair.requester_.joined_ns(), kNotJoined);
+    EXPECT_TRUE(pair.requester_.synchronised());
+    EXPECT_FALSE(pair.requester_.waits_for_force_off());
+    EXPECT_NEAR(static_cast<double>(pair.error(2003 * kMs)), static_cast<double>(-error), 1.0 * kMs) << "no step";
+    EXPECT_GE(pair.error_bound(2003 * kMs), std::abs(pair.error(2003 * kMs)));
+    const std::int64_t slewed = 2003 * kMs + 20 * error;  // by 5 %
+    EXPECT_LT(std::abs(pair.error(slewed)), 2 * kMs);
+    EXPECT_NE(pair.requester_.joined_ns(), kNotJoined);
+  }
 }
 
 TEST(SessionClock, AnswersRequestsOnlyAsTheReference) {
