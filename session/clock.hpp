@@ -13,8 +13,8 @@
 /// slower until it agrees with the reference. It steps only when the error is above `step_ns` plus the error bound:
 /// then two sessions that began separately have merged. While the caller reports that a force is on, the clock only
 /// slews, because coupled objects and simulated hands move by session time. Programs that start together, whose users
-/// touch before there is a reference, differ by up to some seconds. If the error is above `max_slewed_ns` plus the error
-/// bound while a force is on, the clock continues as it is, and its bound states the error.
+/// touch before there is a reference, differ by up to some seconds. If the error is above `max_slewed_ns` plus the
+/// error bound while a force is on, the clock continues as it is, and its bound states the error.
 ///
 /// Local monotonic nanoseconds are arguments; no clock inside. One thread; a ClockMap may be copied to other threads.
 /// Source: RFC 5905, section 8 (four-stamp exchange) and its clock filter (lowest delay in a window).
