@@ -11,9 +11,8 @@
 ///
 /// The passivity controller predicts one cycle. It assumes that the next displacement is the present one plus the
 /// maximum acceleration of a hand in the direction of the force. It reduces a force that would then give the hand more
-/// than E. So it acts when a hand has nearly left
-/// a surface: by then a sampled spring has returned more energy than it received. Damping removes any remaining
-/// deficit.
+/// than E. So it acts when a hand has nearly left a surface: by then a sampled spring has returned more energy than it
+/// received. Damping removes any remaining deficit.
 ///
 /// Limits: below a minimum speed there is no damping. The damping is at most m / T, with the device's mass m and the
 /// cycle T, because a sampled damper above 2 m / T is unstable. Energy above a bound is discarded. Otherwise the energy

@@ -194,12 +194,19 @@ double Bodies::rest_length(const Cycle& cycle, std::uint32_t probe, const haptic
   return spring_limiters_[probe].step(cycle.renderer(probe).strength(), spring, length, energy);
 }
 
+/// A stale pose and a fault make a force zero at once.
+Vec3d Bodies::slewed(const Vec3d& wanted, const Vec3d& felt, double max_slew, ProbeOutput& output) const noexcept {
+  if (wanted.isZero(0)) return wanted;
+  const Vec3d limited = haptics::slewed(wanted, felt, max_slew * settings_.period);
+  if (limited != wanted) output.status |= session::kForceRamped;
+  return limited;
+}
+
 Vec3d Bodies::limit_force(const Cycle& cycle, std::uint32_t probe, const Vec3d& force,
                           const haptics::DeviceState& device, double energy_to_body, double stored,
                           ProbeOutput& output) noexcept {
   const Vec3d limited = clamp_factor(force.norm(), cycle.renderer(probe).max_force()) * force;
-  const Vec3d wanted = haptics::slewed(limited, felt_[probe].force, settings_.force.max_slew * settings_.period);
-  if (wanted != limited) output.status |= session::kForceRamped;
+  const Vec3d wanted = slewed(limited, felt_[probe].force, settings_.force.max_slew, output);
   Vec3d allowed = ports_[probe].step(wanted, device.position, energy_to_body, settings_.period, true, stored);
   allowed *= clamp_factor(allowed.norm(), cycle.renderer(probe).max_force());
   if ((output.status & session::kFault) != 0) allowed.setZero();
@@ -212,11 +219,7 @@ Vec3d Bodies::limit_torque(const Cycle& cycle, std::uint32_t probe, const Vec3d&
   RotationalPort& rotational = rotational_ports_[probe];
   const double energy_to_body = std::exchange(rotational.energy_to_body, 0);
   const Vec3d limited = clamp_factor(torque.norm(), cycle.renderer(probe).max_torque()) * torque;
-  Vec3d wanted = torque;
-  if (control) {
-    wanted = haptics::slewed(limited, felt_[probe].torque, settings_.force.max_torque_slew * settings_.period);
-    if (wanted != limited) output.status |= session::kForceRamped;
-  }
+  const Vec3d wanted = slewed(limited, felt_[probe].torque, settings_.force.max_torque_slew, output);
   Vec3d allowed = rotational.port.step(wanted, rotational.angle, energy_to_body, settings_.period, control, stored);
   allowed *= clamp_factor(allowed.norm(), cycle.renderer(probe).max_torque());
   if ((output.status & session::kFault) != 0) allowed.setZero();

@@ -343,9 +343,15 @@ TEST(BodyOnGround, TheForceChangesByAtMostFiveNewtonsInACycle) {
       was_limited |= cycle >= 900 && (session.output().status & session::kForceRamped) != 0;
       before = force;
     }
-    EXPECT_GT(largest, 4);
+    EXPECT_GT(largest, kMaxChange);
     EXPECT_LE(max_change, kMaxChange + 1e-9);
     EXPECT_TRUE(was_limited);
+    while (hrtc_service::vec(session.output().force).norm() < kMaxChange) {
+      hand.z() -= 1e-5;
+      session.run_cycle(hand, Vec3d::Zero());
+    }
+    session.run_cycle(hand, Vec3d::Zero(), 0.07);
+    EXPECT_EQ(hrtc_service::vec(session.output().force).norm(), 0) << "a stale pose ends the force at once";
   }
 }
 
