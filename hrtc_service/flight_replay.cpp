@@ -165,7 +165,8 @@ class World {
                            "' cannot have come");
     Arrival arrival;
     const std::optional<spm::RegionData> data = spm::codec::region_data(model, region, cache, cache_index);
-    if (!data || objects_.add_region(number, *data, arrival) != spm::AcceptResult::kAccepted)
+    const spm::ListSummary expected = spm::list_summary(model.base().regions[spm::index(region)]);
+    if (!data || objects_.add_region(number, *data, expected, arrival) != spm::AcceptResult::kAccepted)
       throw ImpossibleCall("region " + std::to_string(spm::index(region)) + " of object '" + touch.name +
                            "' does not fit as it did");
     return arrival;

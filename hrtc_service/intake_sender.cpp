@@ -59,13 +59,11 @@ void IntakeSender::add_object(std::uint32_t index, IntakeObject object, const sp
          base.faces, base.regions);
 }
 
-void IntakeSender::add_region(std::uint32_t index, const spm::RegionData& region) {
-  std::uint32_t records = 0;
-  for (const spm::Interval& interval : region.list) records += interval.count;
-  const IntakeRegion sizes{region.region, size_of(region.list), size_of(region.sent), size_of(region.residuals),
-                           size_of(region.parts)};
-  append(IntakeKind::kRegion, index, {size_of(region.parts), spm::ListBlock::blocks_for(records)}, sizes, region.list,
-         region.sent, region.residuals, region.parts);
+void IntakeSender::add_region(std::uint32_t index, const spm::RegionData& region, const spm::ListSummary& expected) {
+  const IntakeRegion message{region.region,         expected, size_of(region.list), size_of(region.sent),
+                             size_of(region.residuals), size_of(region.parts)};
+  append(IntakeKind::kRegion, index, {size_of(region.parts), spm::ListBlock::blocks_for(expected.records)}, message,
+         region.list, region.sent, region.residuals, region.parts);
 }
 
 void IntakeSender::retire(std::uint32_t index, spm::RegionId region) { append(IntakeKind::kRetire, index, {}, region); }

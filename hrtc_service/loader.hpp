@@ -197,7 +197,7 @@ class Loader {
   [[nodiscard]] std::uint64_t serving_host(std::uint64_t object_id) const { return delivery_.serving_host(object_id); }
   /// Returns the number of entries in the list of a region.
   [[nodiscard]] std::uint32_t records_of(std::uint32_t object_index, std::uint32_t region) const noexcept {
-    return by_index_[object_index]->record_counts[region];
+    return by_index_[object_index]->lists[region].records;
   }
   /// Returns the regions that the probes intersect, with repetitions.
   [[nodiscard]] std::vector<std::uint32_t> regions_at_probes(std::uint32_t object_index,
@@ -258,7 +258,7 @@ class Loader {
       return static_cast<std::uint32_t>(ns / kContactTickNs % kContactTicks) + 1;
     }
   };
-  static_assert(sizeof(RegionProgress) + sizeof(std::uint32_t) == spm::kLoaderBytesPerRegion);
+  static_assert(sizeof(RegionProgress) + sizeof(spm::ListSummary) == spm::kLoaderBytesPerRegion);
   /// A region that a probe is predicted to touch.
   struct WantedRegion {
     std::int64_t since_ns = 0;        // time when it became wanted; 0: more urgent regions fill the store
@@ -273,7 +273,7 @@ class Loader {
     spm::CellBox bounds;                                   // model frame
     Placement placement;                                   // current
     std::optional<spm::RegionGrid> grid;                   // once `ready`
-    std::vector<std::uint32_t> record_counts;              // by region: length of its list
+    std::vector<spm::ListSummary> lists;                   // by region
     std::vector<RegionProgress> notes;                     // by region
     std::vector<std::uint32_t> also_wanted, wanted_later;  // regions of `want`
     std::vector<std::uint32_t> predicted;                  // regions of the newest prediction

@@ -180,7 +180,7 @@ void Loader::admit_base(Object& object, spm::codec::DecodedBase decoded) {
   std::uint32_t largest = 0;
   for (const spm::Region& region : base.regions) {
     largest = std::max(largest, region.part_count);
-    object.record_counts.push_back(region.record_count);
+    object.lists.push_back(spm::list_summary(region));
   }
   const std::uint32_t slots_left = pool_.slots - base_slots_;
   if (largest > slots_left)

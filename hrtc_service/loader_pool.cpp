@@ -16,13 +16,13 @@ spm::Cache::Space reserve_of(const spm::PoolSettings& pool) noexcept {
 }  // namespace
 
 double Loader::slot_estimate(const Object& object, std::uint32_t region) const noexcept {
-  return object.record_counts[region] *
+  return object.lists[region].records *
          (static_cast<double>(object.summary.parts) / std::max(object.summary.records, 1u));
 }
 
 spm::Cache::Space Loader::space_to_load(const Object& object, std::uint32_t region) const noexcept {
   return {static_cast<std::uint32_t>(undecoded_share_ * slot_estimate(object, region)),
-          spm::ListBlock::blocks_for(object.record_counts[region])};
+          spm::ListBlock::blocks_for(object.lists[region].records)};
 }
 
 /// Decodes the regions that probes will touch soonest. If a region with contact within kSoon does not fit, its space is
@@ -70,11 +70,11 @@ spm::Cache::Space Loader::load(Object& object, std::uint32_t region) {
   const spm::ObjectIndex number{object.info.index};
   const spm::RegionData& data = store_.get(number, spm::RegionId{region});
   const auto parts = static_cast<std::uint32_t>(data.parts.size());
-  const std::uint32_t blocks = spm::ListBlock::blocks_for(object.record_counts[region]);
+  const std::uint32_t blocks = spm::ListBlock::blocks_for(object.lists[region].records);
   if (parts > intake_.free_space().slots || blocks > intake_.free_space().blocks) return {std::max(parts, 1u), blocks};
   const double slots = slot_estimate(object, region);
   if (slots > 0) undecoded_share_ += 0.1 * (static_cast<double>(parts) / slots - undecoded_share_);
-  intake_.add_region(object.info.index, data);
+  intake_.add_region(object.info.index, data, object.lists[region]);
   mark_loaded(object, region);
   figures_.slots_peak = std::max(figures_.slots_peak, slots_used());
   return {};

@@ -85,7 +85,7 @@ bool Loader::store_or_refuse(Object& object, const session::DeliveryClient::Mess
     figures_.load_latency += 0.1 * (latency - figures_.load_latency);
   }
   figures_.compressed_peak = std::max(figures_.compressed_peak, store_.blocks() - store_.blocks_free());
-  const std::uint32_t records = object.record_counts[message.region];
+  const std::uint32_t records = object.lists[message.region].records;
   if (records > 0) blocks_per_record_ += 0.1 * (static_cast<double>(put.blocks) / records - blocks_per_record_);
   bytes_per_block_ += 0.1 * (static_cast<double>(message.bytes.size()) / put.blocks_if_empty - bytes_per_block_);
   note.set(StoreState::kHeld);
@@ -101,7 +101,7 @@ bool Loader::store_or_refuse(Object& object, const session::DeliveryClient::Mess
 }
 
 double Loader::block_estimate(const Object& object, std::uint32_t region) const noexcept {
-  return blocks_per_record_ * object.record_counts[region];
+  return blocks_per_record_ * object.lists[region].records;
 }
 
 /// Requests the most probable predicted regions of all objects that fit into the store together. Without this limit,

@@ -42,11 +42,13 @@ Cache::Cache(Pool& pool)
     : pool_{pool},
       slots_{pool.settings.slots, pool.settings.slots},
       rows_{2 * pool.settings.slots, 2 * pool.settings.slots},
+      lists_{pool.settings.list_blocks, pool.settings.list_blocks},
       front_{2 * std::size_t{pool.settings.slots}},
       list_counts_(pool.settings.slots),
       checksums_(pool.settings.slots),
       object_of_(pool.settings.slots),
       listed_in_(pool.settings.slots),
+      loaded_(pool.settings.list_blocks),
       free_{pool.settings.slots},
       free_blocks_(pool.settings.list_blocks),
       free_block_count_{pool.settings.list_blocks} {
@@ -108,20 +110,13 @@ Cache::Admitted Cache::admit(const BaseMesh& base) {
     result.base.faces.push_back(loaded);
   }
   front_.link(std::span<const RowIndex>{rows});
-  object.record_counts.values().reserve(base.regions.size());
-  object.checksums.values().reserve(base.regions.size());
-  for (const Region& region : base.regions) {
-    object.record_counts.values().push_back(region.record_count);
-    object.checksums.values().push_back(region.checksum);
-  }
-  object.first_blocks.values().resize(base.regions.size(), kNone);
   return result;
 }
 
 void Cache::remove(ObjectIndex number) noexcept {
   Object& object = objects_[number];
   TACTUS_CHECK(object.is_used);
-  for (const BlockIndex block : object.first_blocks.values()) TACTUS_CHECK(block == kNone);
+  TACTUS_CHECK(object.loaded_regions == 0);
   const std::vector<Slot>& slots = object.base_slots.values();
   for (std::uint32_t i = 0; i < object.base_faces; ++i) {
     const RowIndex row = row_of(slots[i / 2], i % 2);
@@ -239,14 +234,15 @@ void Cache::free_record(ObjectIndex object, Slot first_slot) noexcept {
   }
 }
 
-AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionList& out) noexcept {
+AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, const ListSummary& expected,
+                           RegionList& out) noexcept {
   Object& object = objects_[number];
-  if (index(data.region) >= object.first_blocks.size()) return AcceptResult::kMalformed;
-  if (object.first_blocks[data.region] != kNone) return AcceptResult::kLoaded;
+  if (index(data.region) >= object.summary.regions) return AcceptResult::kMalformed;
+  if (is_loaded(number, data.region)) return AcceptResult::kLoaded;
   const std::span<const Interval> list{data.list};
   const std::span<const Interval> sent{data.sent};
   if (!well_formed(list, object.summary.records) || !well_formed(sent, object.summary.records) ||
-      total(list) != object.record_counts[data.region] || total(sent) != data.residuals.size())
+      total(list) != expected.records || total(sent) != data.residuals.size())
     return AcceptResult::kMalformed;
   const auto length = static_cast<std::uint32_t>(total(list));
   if (ListBlock::blocks_for(length) > free_block_count_) return AcceptResult::kPoolFull;
@@ -315,7 +311,7 @@ AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionLis
     if (result != AcceptResult::kAccepted) break;
   }
   if (result == AcceptResult::kAccepted &&
-      (part != data.parts.size() || position != data.residuals.size() || checksum != object.checksums[data.region]))
+      (part != data.parts.size() || position != data.residuals.size() || checksum != expected.checksum))
     result = AcceptResult::kMalformed;
   if (result != AcceptResult::kAccepted) {
     if (new_list.first_block != kNone) release_list(number, new_list);
@@ -323,7 +319,9 @@ AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionLis
   }
   counters_.records_accepted += accepted;
   counters_.records_repeated += repeated;
-  object.first_blocks[data.region] = new_list.first_block;
+  loaded_[new_list.first_block] = {data.region, new_list.length, number};
+  lists_.insert(key(number, data.region), index(new_list.first_block));
+  ++object.loaded_regions;
   out = new_list;
   return AcceptResult::kAccepted;
 }
@@ -346,34 +344,56 @@ void Cache::release_list(ObjectIndex number, const RegionList& list) noexcept {
   }
 }
 
-void Cache::release(ObjectIndex number, RegionId region) noexcept {
-  Object& object = objects_[number];
-  TACTUS_CHECK(object.first_blocks[region] != kNone);
-  release_list(number, object.list(region));
-  object.first_blocks[region] = kNone;
+/// Unloads the region whose list begins in the block.
+void Cache::release_region(BlockIndex first_block) noexcept {
+  LoadedRegion& loaded = loaded_[first_block];
+  lists_.erase(key(loaded.object, loaded.region), index(first_block), key_of_list());
+  release_list(loaded.object, {first_block, loaded.length});
+  --objects_[loaded.object].loaded_regions;
+  loaded = {};
   ++counters_.regions_released;
 }
 
-bool Cache::is_loaded(ObjectIndex object, RegionId region) const noexcept {
-  return objects_[object].first_blocks[region] != kNone;
+void Cache::release(ObjectIndex object, RegionId region) noexcept {
+  const BlockIndex first_block = find(object, region);
+  TACTUS_CHECK(first_block != kNone);
+  release_region(first_block);
+}
+
+void Cache::release_all(ObjectIndex object) noexcept {
+  for (Place at; (at = next_loaded(object, at.block)).region != kNone;) release_region(at.block);
+}
+
+Cache::Place Cache::next_loaded(ObjectIndex object, BlockIndex from) const noexcept {
+  for (std::uint32_t block = index(from); block < loaded_.size(); ++block) {
+    const LoadedRegion& loaded = loaded_[BlockIndex{block}];
+    if (loaded.region != kNone && loaded.object == object) return {loaded.region, BlockIndex{block}};
+  }
+  return {};
 }
 
 std::vector<std::string> Cache::violations() const {
   std::vector<std::string> found;
   IdVector<Slot, std::uint32_t> counts(list_counts_.size());
   std::uint32_t used_blocks = 0;
-  for (const Object& object : objects_)
-    for (const RegionId region : object.first_blocks.ids()) {
-      const RegionList list = object.list(region);
-      if (list.first_block == kNone) continue;
-      std::uint32_t left = list.length;
-      for (BlockIndex block = list.first_block; block != kNone; block = pool_.blocks[block].after) {
-        ++used_blocks;
-        for (std::uint32_t i = 0; i < ListBlock::kEntries && left > 0; ++i, --left)
-          ++counts[pool_.blocks[block].slots[i]];
-      }
-      if (left != 0) found.push_back("the list of a region has " + std::to_string(left) + " entries too few");
+  IdVector<ObjectIndex, std::uint32_t> loaded_regions(objects_.size());
+  for (const BlockIndex first_block : loaded_.ids()) {
+    const LoadedRegion& loaded = loaded_[first_block];
+    if (loaded.region == kNone) continue;
+    ++loaded_regions[loaded.object];
+    if (find(loaded.object, loaded.region) != first_block)
+      found.push_back("region " + std::to_string(index(loaded.region)) + " is loaded, but not in the index");
+    std::uint32_t left = loaded.length;
+    for (BlockIndex block = first_block; block != kNone; block = pool_.blocks[block].after) {
+      ++used_blocks;
+      for (std::uint32_t i = 0; i < ListBlock::kEntries && left > 0; ++i, --left) ++counts[pool_.blocks[block].slots[i]];
     }
+    if (left != 0) found.push_back("the list of a region has " + std::to_string(left) + " entries too few");
+  }
+  for (const ObjectIndex object : objects_.ids())
+    if (loaded_regions[object] != objects_[object].loaded_regions)
+      found.push_back("object " + std::to_string(index(object)) + " has " + std::to_string(loaded_regions[object]) +
+                      " loaded regions, but its count is " + std::to_string(objects_[object].loaded_regions));
   if (used_blocks + free_block_count_ != pool_.settings.list_blocks)
     found.push_back(std::to_string(used_blocks) + " blocks in use and " + std::to_string(free_block_count_) +
                     " free of " + std::to_string(pool_.settings.list_blocks));

@@ -75,31 +75,43 @@ class Cache {
   void remove(ObjectIndex object) noexcept;
 
   /// Loads a region: decodes its new records, increments the counts of all records in its list, and sets `list` to the
-  /// list in slots. If the result is not kAccepted, the cache is unchanged. O(list + sent).
-  [[nodiscard]] AcceptResult accept(ObjectIndex object, const RegionData& data, RegionList& list) noexcept;
+  /// list in slots. A list that differs from `expected` is malformed. If the result is not kAccepted, the cache is
+  /// unchanged. O(list + sent).
+  [[nodiscard]] AcceptResult accept(ObjectIndex object, const RegionData& data, const ListSummary& expected,
+                                    RegionList& list) noexcept;
 
-  /// Returns the bytes that the cache needs for the base mesh of an object and for all its regions, loaded or not.
+  /// Returns the bytes that the cache needs for an object besides the pool.
   [[nodiscard]] static std::uint64_t directory_bytes(const ModelSummary& summary) noexcept {
-    return std::uint64_t{slots_for_base(summary)} * sizeof(Slot) +
-           std::uint64_t{summary.regions} * 3 * sizeof(std::uint32_t);
+    return std::uint64_t{slots_for_base(summary)} * sizeof(Slot);
+  }
+  /// Returns the bytes that the cache needs for its table of loaded regions.
+  [[nodiscard]] static std::uint64_t table_bytes(std::uint32_t list_blocks) noexcept {
+    return std::uint64_t{list_blocks} * sizeof(LoadedRegion) + CompactIndex::bytes(list_blocks);
   }
 
   /// Unloads a region: frees its list and the records that no other loaded region lists. The haptic thread must have
   /// returned the region. O(list).
   void release(ObjectIndex object, RegionId region) noexcept;
+  /// Unloads all regions of an object. O(list blocks of the pool + lists).
+  void release_all(ObjectIndex object) noexcept;
 
   /// Numbers of slots and list blocks.
   struct Space {
     std::uint32_t slots = 0, blocks = 0;
   };
-  [[nodiscard]] bool is_loaded(ObjectIndex object, RegionId region) const noexcept;
+  [[nodiscard]] bool is_loaded(ObjectIndex object, RegionId region) const noexcept {
+    return find(object, region) != kNone;
+  }
+  /// A loaded region and its place in the order in which `next_loaded` visits them.
+  struct Place {
+    RegionId region = kNone;  // kNone: none
+    BlockIndex block{};
+  };
+  /// Returns the first loaded region of an object that is not before `from`. O(list blocks of the pool).
+  [[nodiscard]] Place next_loaded(ObjectIndex object, BlockIndex from) const noexcept;
 
   [[nodiscard]] bool has_record(ObjectIndex object, RecordId record) const noexcept {
     return index(object) < objects_.size() && find(object, record) != kNone;
-  }
-  /// The length of the region's list, loaded or not.
-  [[nodiscard]] std::uint32_t records_of(ObjectIndex object, RegionId region) const noexcept {
-    return objects_[object].record_counts[region];
   }
   [[nodiscard]] std::uint32_t slots_used() const noexcept { return free_.size() - free_.count(); }
   [[nodiscard]] std::uint32_t slots_free() const noexcept { return free_.count(); }
@@ -117,12 +129,13 @@ class Cache {
     ModelSummary summary;
     IdVector<VertexId, Slot> base_slots;  // by base vertex; then the slots that only store faces
     std::uint32_t base_faces = 0;
-    IdVector<RegionId, std::uint32_t> record_counts;  // length of the region's list
-    IdVector<RegionId, std::uint32_t> checksums;      // sum of the checksums of the region's records
-    IdVector<RegionId, BlockIndex> first_blocks;      // first block of the list; kNone if the region is not loaded
-    [[nodiscard]] RegionList list(RegionId region) const noexcept {
-      return {first_blocks[region], record_counts[region]};
-    }
+    std::uint32_t loaded_regions = 0;
+  };
+  /// The region whose list begins in a block.
+  struct LoadedRegion {
+    RegionId region = kNone;   // kNone: no list begins in the block
+    std::uint32_t length = 0;  // of the list
+    ObjectIndex object{};
   };
 
   template <class Id>
@@ -146,6 +159,12 @@ class Cache {
       return key(object_of_[slot_of(row)], pool_.face_of(row));
     };
   }
+  [[nodiscard]] auto key_of_list() const noexcept {
+    return [this](std::uint32_t number) {
+      const LoadedRegion& loaded = loaded_[BlockIndex{number}];
+      return key(loaded.object, loaded.region);
+    };
+  }
   [[nodiscard]] VertexId vertex_of(ObjectIndex object, RecordId record) const noexcept {
     return VertexId{objects_[object].summary.base_vertices + index(record)};
   }
@@ -155,6 +174,10 @@ class Cache {
   [[nodiscard]] RowIndex find(ObjectIndex object, FaceId face) const noexcept {
     return RowIndex{rows_.find(key(object, face), key_of_row())};
   }
+  /// The first block of the list of a loaded region, or kNone.
+  [[nodiscard]] BlockIndex find(ObjectIndex object, RegionId region) const noexcept {
+    return BlockIndex{lists_.find(key(object, region), key_of_list())};
+  }
   [[nodiscard]] AcceptResult decode(ObjectIndex object, RecordId record, const RegionData& data, std::uint32_t& part,
                                     const PositionPredictor::Residuals& residuals) noexcept;
   /// Adds a record to the list that is being accepted. Returns false if it needs a vertex or face that is neither in the
@@ -162,6 +185,7 @@ class Cache {
   [[nodiscard]] bool add_to_list(Slot first_slot) noexcept;
   void free_record(ObjectIndex object, Slot first_slot) noexcept;
   void release_list(ObjectIndex number, const RegionList& list) noexcept;
+  void release_region(BlockIndex first_block) noexcept;
   /// The next free slot after the last allocated one, so that neighbours in a list are neighbours in memory.
   [[nodiscard]] Slot next_slot() const noexcept { return Slot{free_.next_free(index(last_slot_))}; }
   [[nodiscard]] Slot allocate_slot() noexcept { return last_slot_ = Slot{free_.allocate(index(last_slot_))}; }
@@ -171,12 +195,14 @@ class Cache {
   std::uint32_t next_object_ = 0;  // index at which the search for a free one starts
   CompactIndex slots_;             // (object, VertexId) -> first slot of a loaded record
   CompactIndex rows_;              // (object, FaceId) -> row of a face of a base mesh or of a loaded record
+  CompactIndex lists_;             // (object, RegionId) -> first block of the list of a loaded region
   Front front_;
   IdVector<Slot, std::uint16_t> list_counts_;  // by first slot: number of loaded regions that list the record
   IdVector<Slot, std::uint32_t> checksums_;    // by first slot: see checksum.hpp
   IdVector<Slot, std::uint8_t> object_of_;     // ObjectIndex
   IdVector<Slot, std::uint8_t> listed_in_;     // number of the last accepted list with the slot; 0: none
   std::uint8_t list_number_ = 0;               // of the list that is being accepted
+  IdVector<BlockIndex, LoadedRegion> loaded_;  // by first block
   FreeSet free_;                               // slots
   Slot last_slot_{};
   std::vector<BlockIndex> free_blocks_;

@@ -12,9 +12,9 @@
 
 namespace tactus::spm {
 
-/// Bytes for each region in the loader besides its grid: the progress of the region, and the length of its list
+/// Bytes for each region in the loader besides its grid: the progress of the region, and the summary of its list
 /// (hrtc_service/loader.hpp).
-inline constexpr std::uint32_t kLoaderBytesPerRegion = 16;
+inline constexpr std::uint32_t kLoaderBytesPerRegion = 20;
 /// Bits for each record in the compressed cache: one bit, set if the record was received before
 /// (spm/codec/compressed_cache.hpp).
 inline constexpr std::uint32_t kReceivedBitsPerRecord = 1;

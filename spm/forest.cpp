@@ -21,12 +21,12 @@ Forest::Forest(Pool& pool, NodePool& nodes, ObjectIndex object, const ModelSumma
       grid_{std::move(grid)},
       tree_{pool, nodes, object, summary.faces},
       base_{std::move(base)},
-      state_index_(grid_.size(), kNone),
-      states_(max_loaded(grid_.size(), pool.settings)),
+      states_(max_loaded(summary.regions, pool.settings)),
+      state_index_{states_.size(), states_.size()},
       in_use_(states_.size()),
       targets_(states_.size()) {
   free_states_.reserve(states_.size());
-  for (auto number = static_cast<std::uint32_t>(states_.size()); number-- > 0;) free_states_.push_back(number);
+  for (std::uint32_t number = states_.size(); number-- > 0;) free_states_.push_back(StateIndex{number});
 }
 
 std::uint64_t Forest::hash_of(VertexId vertex) noexcept {
@@ -36,37 +36,37 @@ std::uint64_t Forest::hash_of(VertexId vertex) noexcept {
   return z ^ z >> 31;
 }
 
-void Forest::add_in_use(RegionId region) noexcept {
-  State& state = state_of(region);
-  if (state.retained) end_retention(region);
+void Forest::add_in_use(StateIndex at) noexcept {
+  State& state = states_[at];
+  if (state.retained) end_retention(at);
   if (state.in_use_at != kNone) return;
   state.in_use_at = in_use_count_;
-  in_use_[in_use_count_++] = region;
+  in_use_[in_use_count_++] = at;
 }
 
-void Forest::remove_in_use(RegionId region) noexcept {
-  State& state = state_of(region);
-  const RegionId last = in_use_[--in_use_count_];
+void Forest::remove_in_use(StateIndex at) noexcept {
+  State& state = states_[at];
+  const StateIndex last = in_use_[--in_use_count_];
   in_use_[state.in_use_at] = last;
-  state_of(last).in_use_at = state.in_use_at;
+  states_[last].in_use_at = state.in_use_at;
   state.in_use_at = kNone;
 }
 
-void Forest::retain(RegionId region) noexcept {
-  remove_in_use(region);
-  State& state = state_of(region);
+void Forest::retain(StateIndex at) noexcept {
+  remove_in_use(at);
+  State& state = states_[at];
   if (state.cursor == 0) return;
   state.retained = true;
   state.older = newest_;
   state.newer = kNone;
-  (newest_ != kNone ? state_of(newest_).newer : oldest_) = region;
-  newest_ = region;
+  (newest_ != kNone ? states_[newest_].newer : oldest_) = at;
+  newest_ = at;
 }
 
-void Forest::end_retention(RegionId region) noexcept {
-  State& state = state_of(region);
-  (state.older != kNone ? state_of(state.older).newer : oldest_) = state.newer;
-  (state.newer != kNone ? state_of(state.newer).older : newest_) = state.older;
+void Forest::end_retention(StateIndex at) noexcept {
+  State& state = states_[at];
+  (state.older != kNone ? states_[state.older].newer : oldest_) = state.newer;
+  (state.newer != kNone ? states_[state.newer].older : newest_) = state.older;
   state.retained = false;
 }
 
@@ -80,31 +80,36 @@ std::uint32_t Forest::entries_to_coarsen() const noexcept {
 
 void Forest::add(RegionId region, RegionList list) noexcept {
   TACTUS_ASSERT(!is_loaded(region) && !free_states_.empty());
-  state_index_[region] = free_states_.back();
+  const StateIndex at = free_states_.back();
   free_states_.pop_back();
-  State& state = state_of(region);
+  State& state = states_[at];
   state = State{};
+  state.region = region;
   state.list = list;
   state.block = list.first_block;
+  state_index_.insert(index(region), index(at));
 }
 
 void Forest::retire(RegionId region) noexcept {
-  TACTUS_ASSERT(is_loaded(region) && !is_retiring(region));
-  state_of(region).retiring = true;
+  const StateIndex at = find(region);
+  TACTUS_ASSERT(at != kNone && !states_[at].retiring);
+  states_[at].retiring = true;
   ++retiring_count_;
-  add_in_use(region);
+  add_in_use(at);
 }
 
 RegionId Forest::take_retired() noexcept {
   if (retiring_count_ == 0) return kNone;
   for (std::uint32_t i = 0; i < in_use_count_; ++i) {
-    const RegionId region = in_use_[i];
-    const State& state = state_of(region);
+    const StateIndex at = in_use_[i];
+    State& state = states_[at];
     if (!state.retiring || state.cursor != 0) continue;
-    remove_in_use(region);
+    remove_in_use(at);
     --retiring_count_;
-    free_states_.push_back(state_index_[region]);
-    state_index_[region] = kNone;
+    const RegionId region = state.region;
+    state_index_.erase(index(region), index(at), key_of_state());
+    state.region = kNone;
+    free_states_.push_back(at);
     return region;
   }
   return kNone;
@@ -118,13 +123,14 @@ void Forest::begin_target(Unrequested other_regions) noexcept {
 
 /// Adds a region to the target. `entries`: number of entries to apply, at most all.
 void Forest::add_target(RegionId region, std::uint32_t entries) noexcept {
-  if (!is_loaded(region)) return;
-  State& state = state_of(region);
+  const StateIndex at = find(region);
+  if (at == kNone) return;
+  State& state = states_[at];
   if (state.retiring || state.target_number == target_number_) return;
   state.target_number = target_number_;
   state.target_entries = std::min(entries, state.list.length);
-  add_in_use(region);
-  targets_[target_count_++] = region;
+  add_in_use(at);
+  targets_[target_count_++] = at;
 }
 
 void Forest::set_targets(const RegionId* regions, std::uint32_t count, Unrequested other_regions) noexcept {
@@ -290,16 +296,15 @@ Advance Forest::coarsen(State& state, Budget& budget, std::uint32_t& entries) no
 Advance Forest::hide_all(Budget& budget) noexcept {
   std::uint32_t all = ~0u;
   for (std::uint32_t i = in_use_count_; i-- > 0;) {
-    const RegionId region = in_use_[i];
-    State& state = state_of(region);
+    const StateIndex at = in_use_[i];
+    State& state = states_[at];
     if (const Advance coarsening = coarsen(state, budget, all); coarsening != Advance::kDone) return coarsening;
-    if (!state.retiring) remove_in_use(region);
+    if (!state.retiring) remove_in_use(at);
   }
   while (oldest_ != kNone) {
-    const RegionId region{oldest_};
-    if (const Advance coarsening = coarsen(state_of(region), budget, all); coarsening != Advance::kDone)
-      return coarsening;
-    end_retention(region);
+    const StateIndex at = oldest_;
+    if (const Advance coarsening = coarsen(states_[at], budget, all); coarsening != Advance::kDone) return coarsening;
+    end_retention(at);
   }
   for (; base_cursor_ > 0; --base_cursor_) {
     if (budget.units < Budget::kChange) return Advance::kBudget;
@@ -320,51 +325,49 @@ Advance Forest::advance(Budget& budget) noexcept {
     budget.units -= Budget::kChange;
   }
   Advance refining = Advance::kDone;
-  for (std::uint32_t i = 0; i < target_count_ && refining == Advance::kDone; ++i) {
-    if (!is_loaded(targets_[i])) continue;  // retired and unloaded since the target was set
-    if (State& state = state_of(targets_[i]); is_target(state)) refining = refine(state, budget);
-  }
+  for (std::uint32_t i = 0; i < target_count_ && refining == Advance::kDone; ++i)
+    if (State& state = states_[targets_[i]]; is_target(state)) refining = refine(state, budget);
   if (refining == Advance::kBudget || refining == Advance::kPreviousFull) return refining;
 
   for (std::uint32_t i = in_use_count_; i-- > 0;) {
-    const RegionId region = in_use_[i];
-    State& state = state_of(region);
+    const StateIndex at = in_use_[i];
+    State& state = states_[at];
     if (is_target(state)) {
       std::uint32_t excess = state.cursor > state.target_entries ? state.cursor - state.target_entries : 0;
       if (const Advance coarsening = coarsen(state, budget, excess); coarsening != Advance::kDone) return coarsening;
       continue;
     }
     if (unrequested_ == Unrequested::kRetain && !state.retiring) {
-      retain(region);
+      retain(at);
       continue;
     }
     std::uint32_t all = ~0u;
     if (const Advance coarsening = coarsen(state, budget, all); coarsening != Advance::kDone) return coarsening;
-    if (!state.retiring) remove_in_use(region);
+    if (!state.retiring) remove_in_use(at);
   }
   if (refining == Advance::kNodesFull)
     entries_to_coarsen_ = ~0u;  // coarsen all retained regions while the target needs nodes
   while (oldest_ != kNone && entries_to_coarsen_ > 0) {
-    const RegionId region = oldest_;
-    State& state = state_of(region);
+    const StateIndex at = oldest_;
+    State& state = states_[at];
     if (const Advance coarsening = coarsen(state, budget, entries_to_coarsen_); coarsening != Advance::kDone)
       return coarsening;
-    if (state.cursor == 0) end_retention(region);
+    if (state.cursor == 0) end_retention(at);
   }
   return refining;
 }
 
 std::uint32_t Forest::copy_in_use(InUse* out, std::uint32_t capacity) const noexcept {
   for (std::uint32_t i = 0; i < in_use_count_ && i < capacity; ++i) {
-    const State& state = state_of(in_use_[i]);
-    out[i] = {in_use_[i], state.cursor, state.retiring, false};
+    const State& state = states_[in_use_[i]];
+    out[i] = {state.region, state.cursor, state.retiring, false};
   }
   std::uint32_t count = in_use_count_;
-  for (RegionId region = oldest_; region != kNone; ++count) {
+  for (StateIndex at = oldest_; at != kNone; ++count) {
     if (capacity > 0 && count > capacity) break;
-    const State& state = state_of(region);
-    if (count < capacity) out[count] = {region, state.cursor, false, true};
-    region = state.newer;
+    const State& state = states_[at];
+    if (count < capacity) out[count] = {state.region, state.cursor, false, true};
+    at = state.newer;
   }
   return count;
 }
@@ -376,13 +379,13 @@ bool Forest::restore(std::uint32_t base_faces, const InUse* regions, std::uint32
     show_base_face(base_.faces[base_cursor_]);
   }
   for (std::uint32_t i = 0; i < count; ++i) {
-    const RegionId region = regions[i].region;
-    if (index(region) >= state_index_.size() || !is_loaded(region)) return false;
-    State& state = state_of(region);
+    const StateIndex at = find(regions[i].region);
+    if (at == kNone) return false;
+    State& state = states_[at];
     if (state.in_use_at != kNone || state.retained || regions[i].applied > state.list.length) return false;
     if (regions[i].applied > 0 && !is_base_shown()) return false;  // no record is split before the base mesh is shown
     if (regions[i].retained && (regions[i].retiring || regions[i].applied == 0)) return false;
-    add_in_use(region);
+    add_in_use(at);
     for (; state.cursor < regions[i].applied; ++state.cursor) {
       const Slot slot = *entry(state, state.cursor);
       SlotState& record = pool_.state[slot];
@@ -392,8 +395,8 @@ bool Forest::restore(std::uint32_t base_faces, const InUse* regions, std::uint32
       }
       ++record.bits;
     }
-    if (regions[i].retiring) retire(region);
-    if (regions[i].retained) retain(region);
+    if (regions[i].retiring) retire(state.region);
+    if (regions[i].retained) retain(at);
   }
   static_cast<void>(tree_.refit());
   return true;
@@ -408,9 +411,7 @@ bool Forest::is_exact(const Vec3d& centre, double radius) const noexcept {
 
 std::map<RowIndex, Forest::ShownFace> Forest::shown_faces() const {
   std::map<VertexId, Slot> shown;  // records in topological order
-  for (const RegionId region : state_index_.ids()) {
-    if (!is_loaded(region)) continue;
-    const State& state = state_of(region);
+  for (const State& state : states_) {
     std::uint32_t left = state.cursor;
     for (BlockIndex block = state.list.first_block; left > 0; block = pool_.blocks[block].after)
       for (std::uint32_t i = 0; i < ListBlock::kEntries && left > 0; ++i, --left) {
@@ -440,14 +441,14 @@ std::map<RowIndex, Forest::ShownFace> Forest::shown_faces() const {
 std::vector<std::string> Forest::violations() const {
   std::vector<std::string> found;
   std::map<Slot, std::uint32_t> wanted;  // number of applied entries of each record
-  for (const RegionId region : state_index_.ids()) {
-    if (!is_loaded(region)) continue;
-    const State& state = state_of(region);
-    if (state.cursor > state.list.length)
-      found.push_back("region " + std::to_string(index(region)) + " has more applied entries than its list");
+  for (const StateIndex at : states_.ids()) {
+    const State& state = states_[at];
+    if (state.region == kNone) continue;
+    const std::string name = "region " + std::to_string(index(state.region));
+    if (find(state.region) != at) found.push_back(name + " is loaded, but not in the index");
+    if (state.cursor > state.list.length) found.push_back(name + " has more applied entries than its list");
     if (state.cursor > 0 && state.in_use_at == kNone && !state.retained)
-      found.push_back("region " + std::to_string(index(region)) +
-                      " has applied entries but is neither in use nor retained");
+      found.push_back(name + " has applied entries but is neither in use nor retained");
     std::uint32_t left = state.cursor;
     for (BlockIndex block = state.list.first_block; left > 0; block = pool_.blocks[block].after)
       for (std::uint32_t i = 0; i < ListBlock::kEntries && left > 0; ++i, --left)

@@ -65,12 +65,13 @@ class Forest {
   /// `pool` and `nodes` must outlive the forest. Not realtime: allocates.
   Forest(Pool& pool, NodePool& nodes, ObjectIndex object, const ModelSummary& summary, RegionGrid grid, BaseSlots base);
 
-  /// Returns the bytes that the forest needs for the base mesh of an object and for all its regions, loaded or not.
+  /// Returns the bytes that the forest needs for the base mesh of an object, its grid, and the state of the regions that
+  /// can be loaded at a time.
   [[nodiscard]] static std::uint64_t directory_bytes(const ModelSummary& summary, const PoolSettings& pool) noexcept {
-    constexpr std::uint64_t kPerLoaded = sizeof(State) + 2 * sizeof(RegionId) + sizeof(std::uint32_t);
+    constexpr std::uint64_t kPerLoaded = sizeof(State) + 3 * sizeof(StateIndex);
+    const std::uint32_t loaded = max_loaded(summary.regions, pool);
     return std::uint64_t{summary.base_faces} * sizeof(BaseSlots::Face) + RegionGrid::bytes(summary.regions) +
-           std::uint64_t{summary.regions} * sizeof(std::uint32_t) +
-           std::uint64_t{max_loaded(summary.regions, pool)} * kPerLoaded;
+           loaded * kPerLoaded + CompactIndex::bytes(loaded);
   }
 
   /// Returns the number of used nodes above which the forest coarsens retained regions, the oldest first. It is half of
@@ -123,13 +124,13 @@ class Forest {
 
   [[nodiscard]] bool is_base_shown() const noexcept { return base_cursor_ == base_.faces.size(); }
   [[nodiscard]] bool is_refined(RegionId region) const noexcept {
-    if (!is_loaded(region)) return false;
-    const State& state = state_of(region);
-    return state.cursor == state.list.length;
+    const StateIndex at = find(region);
+    return at != kNone && states_[at].cursor == states_[at].list.length;
   }
-  [[nodiscard]] bool is_loaded(RegionId region) const noexcept { return state_index_[region] != kNone; }
+  [[nodiscard]] bool is_loaded(RegionId region) const noexcept { return find(region) != kNone; }
   [[nodiscard]] bool is_retiring(RegionId region) const noexcept {
-    return is_loaded(region) && state_of(region).retiring;
+    const StateIndex at = find(region);
+    return at != kNone && states_[at].retiring;
   }
   /// State of a region that has applied list entries, is in the target or is being retired.
   struct InUse {
@@ -175,15 +176,19 @@ class Forest {
   [[nodiscard]] std::vector<std::string> violations() const;
 
  private:
+  /// An entry of `states_`.
+  enum class StateIndex : std::uint32_t {};
+  /// The state of a loaded region.
   struct State {
+    RegionId region = kNone;  // kNone: the entry is free
     RegionList list;
     std::uint32_t cursor = 0;               // number of applied entries
     BlockIndex block = kNone;               // the block that `entry` used last
     std::uint32_t block_number = 0;         // its number in the list
     std::uint32_t target_number = 0;        // number of the last target with this region
     std::uint32_t target_entries = 0;       // number of entries to apply in that target
-    std::uint32_t in_use_at = kNone;        // index in in_use_
-    RegionId older = kNone, newer = kNone;  // neighbours in the list of retained regions
+    std::uint32_t in_use_at = kNone;          // index in in_use_
+    StateIndex older = kNone, newer = kNone;  // neighbours in the list of retained regions
     bool retiring = false;
     bool retained = false;
   };
@@ -192,17 +197,22 @@ class Forest {
   [[nodiscard]] static std::uint32_t max_loaded(std::uint32_t regions, const PoolSettings& pool) noexcept {
     return regions < pool.list_blocks ? regions : pool.list_blocks;
   }
-  [[nodiscard]] State& state_of(RegionId region) noexcept { return states_[state_index_[region]]; }
-  [[nodiscard]] const State& state_of(RegionId region) const noexcept { return states_[state_index_[region]]; }
+  [[nodiscard]] auto key_of_state() const noexcept {
+    return [this](std::uint32_t number) { return std::uint64_t{index(states_[StateIndex{number}].region)}; };
+  }
+  /// The state of a loaded region, or kNone.
+  [[nodiscard]] StateIndex find(RegionId region) const noexcept {
+    return StateIndex{state_index_.find(index(region), key_of_state())};
+  }
   [[nodiscard]] bool is_target(const State& state) const noexcept {
     return state.target_number == target_number_ && !state.retiring;
   }
-  void add_in_use(RegionId region) noexcept;
-  void remove_in_use(RegionId region) noexcept;
+  void add_in_use(StateIndex at) noexcept;
+  void remove_in_use(StateIndex at) noexcept;
   void begin_target(Unrequested other_regions) noexcept;
   void add_target(RegionId region, std::uint32_t entries) noexcept;
-  void retain(RegionId region) noexcept;
-  void end_retention(RegionId region) noexcept;
+  void retain(StateIndex at) noexcept;
+  void end_retention(StateIndex at) noexcept;
   [[nodiscard]] Advance refine(State& state, Budget& budget) noexcept;
   [[nodiscard]] Advance coarsen(State& state, Budget& budget, std::uint32_t& entries) noexcept;
   [[nodiscard]] Advance hide_all(Budget& budget) noexcept;
@@ -221,15 +231,15 @@ class Forest {
   AbTree tree_;
   BaseSlots base_;
   std::size_t base_cursor_ = 0;
-  IdVector<RegionId, std::uint32_t> state_index_;  // index in states_; kNone if the region is not loaded
-  std::vector<State> states_;                      // one for each loaded region
-  std::vector<std::uint32_t> free_states_;
-  std::vector<RegionId> in_use_;  // regions in the target, retiring, or not coarse yet; fixed capacity
+  IdVector<StateIndex, State> states_;
+  CompactIndex state_index_;  // loaded region -> its state
+  std::vector<StateIndex> free_states_;
+  std::vector<StateIndex> in_use_;  // regions in the target, retiring, or not coarse yet; fixed capacity
   std::uint32_t in_use_count_ = 0;
-  RegionId oldest_ = kNone, newest_ = kNone;  // retained regions: a cursor above 0, not in use
+  StateIndex oldest_ = kNone, newest_ = kNone;  // retained regions: a cursor above 0, not in use
   Unrequested unrequested_ = Unrequested::kCoarsen;
   std::uint32_t entries_to_coarsen_ = 0;  // entries of retained regions to coarsen for this target
-  std::vector<RegionId> targets_;         // target regions, in order
+  std::vector<StateIndex> targets_;       // target regions, in order; one may have been unloaded since
   std::uint32_t target_count_ = 0;
   std::uint32_t retiring_count_ = 0;
   bool withdrawn_ = false;

@@ -82,7 +82,8 @@ void LocalRefinement::approach(const Eigen::Isometry3d& pose, double time, bool 
 /// Loads the region. Returns false if the pool is full.
 bool LocalRefinement::load(RegionId region) {
   RegionList list;
-  switch (cache_.accept(admitted_.object, source_.region(region), list)) {
+  const RegionData data = source_.region(region);
+  switch (cache_.accept(admitted_.object, data, list_summary(source_.base().regions[index(region)]), list)) {
     case AcceptResult::kAccepted:
       forest_.add(region, list);
       return true;

@@ -53,6 +53,15 @@ struct Region {
 };
 static_assert(sizeof(Region) == 40);
 
+/// What the entry of a region states of its list. A message with another list is malformed.
+struct ListSummary {
+  std::uint32_t records = 0;   ///< Region::record_count
+  std::uint32_t checksum = 0;  ///< Region::checksum
+};
+[[nodiscard]] constexpr ListSummary list_summary(const Region& region) noexcept {
+  return {region.record_count, region.checksum};
+}
+
 /// The consecutive record ids `[first, first + count)`. Between two intervals of a region, at least one id is missing.
 struct Interval {
   std::uint32_t first, count;

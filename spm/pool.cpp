@@ -1,5 +1,6 @@
 #include "spm/pool.hpp"
 
+#include "spm/cache.hpp"
 #include "spm/candidate_cache.hpp"
 #include "spm/compact_index.hpp"
 #include "spm/flat_index.hpp"
@@ -21,6 +22,7 @@ std::uint64_t PoolSettings::bytes() const noexcept {
          (kTreeNodeBytes + sizeof(std::uint32_t)) * std::uint64_t{kMaxPreviousLeaves} +
          CandidateCaches::kCount * sizeof(CandidateCache) + CompactIndex::bytes(tree_nodes) +
          FreeSet::bytes(tree_nodes) + (sizeof(ListBlock) + sizeof(std::uint32_t)) * list_blocks +
+         Cache::table_bytes(list_blocks) +
          (kCompressedBlockBytes + 3 * sizeof(std::uint16_t)) * std::uint64_t{compressed_blocks} +
          FlatIndex::bytes(compressed_blocks);
 }

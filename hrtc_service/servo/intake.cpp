@@ -128,10 +128,13 @@ void Intake::attach_if_requested() {
 
 /// Answers which regions of a kept object are loaded. Returns true if no answer is missing.
 bool Intake::answer_loaded_regions() {
-  for (; kept_object_ != spm::kNone && next_region_ < objects_.regions_of(kept_object_); ++next_region_) {
-    if (!objects_.is_in_use(kept_object_, spm::RegionId{next_region_})) continue;
+  while (kept_object_ != spm::kNone && objects_.find(kept_object_) != nullptr) {
+    const spm::Cache::Place at = objects_.cache().next_loaded(objects_.cache_index(kept_object_), next_block_);
+    if (at.region == spm::kNone) break;
     if (answers_.space() == 0) return false;
-    answer(IntakeAnswer::Kind::kRegion, kept_object_, spm::RegionId{next_region_}, spm::AcceptResult::kLoaded);
+    next_block_ = spm::BlockIndex{spm::index(at.block) + 1};
+    if (objects_.is_in_use(kept_object_, at.region))
+      answer(IntakeAnswer::Kind::kRegion, kept_object_, at.region, spm::AcceptResult::kLoaded);
   }
   kept_object_ = spm::kNone;
   return true;
@@ -220,7 +223,7 @@ bool Intake::keep_object(const ObjectDescription& now) {
   if (kept.body ? !is_same(*kept.body, *now.body) : kept.placement.numbers() != now.placement.numbers()) return false;
   waits_for_gateway_[now.index] = false;
   kept_object_ = now.index;
-  next_region_ = 0;
+  next_block_ = {};
   return true;
 }
 
@@ -233,7 +236,7 @@ spm::AcceptResult Intake::add_region(spm::RegionId& region) {
     return spm::AcceptResult::kMalformed;
   region = data.region = sizes.region;
   Arrival arrival;
-  const spm::AcceptResult result = objects_.add_region(header_->object, data, arrival);
+  const spm::AcceptResult result = objects_.add_region(header_->object, data, sizes.expected, arrival);
   if (result == spm::AcceptResult::kAccepted) pending_ = arrival;
   return result;
 }

@@ -68,7 +68,7 @@ class Intake {
   std::uint32_t attached_ = 0;                         // newest attach that is answered
   std::array<bool, kMaxObjects> waits_for_gateway_{};  // there before the attach, and not sent by the new gateway yet
   std::uint32_t kept_object_ = spm::kNone;             // whose regions are being answered
-  std::uint32_t next_region_ = 0;                      // of that object
+  spm::BlockIndex next_block_{};                       // next place of that object's regions (spm::Cache::Place)
 };
 
 }  // namespace tactus::hrtc_service

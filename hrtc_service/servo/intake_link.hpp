@@ -55,6 +55,7 @@ struct IntakeObject {
 
 struct IntakeRegion {
   spm::RegionId region{};
+  spm::ListSummary expected;
   std::uint32_t list = 0, sent = 0, residuals = 0, parts = 0;  ///< sizes of the arrays
 };
 

@@ -22,15 +22,9 @@ const TouchObject* TouchObjects::find(std::uint32_t object) const noexcept {
   return found == nullptr ? nullptr : &found->touch;
 }
 
-std::uint32_t TouchObjects::regions_of(std::uint32_t object) const noexcept {
-  const Object* const found = not_withdrawn(object);
-  return found == nullptr ? 0 : static_cast<std::uint32_t>(found->is_retired.size());
-}
-
 bool TouchObjects::is_in_use(std::uint32_t object, spm::RegionId region) const noexcept {
   const Object* const found = not_withdrawn(object);
-  return found != nullptr && spm::index(region) < found->is_retired.size() &&
-         cache_.is_loaded(found->cache_index, region) && !found->is_retired[spm::index(region)];
+  return found != nullptr && cache_.is_loaded(found->cache_index, region) && !found->retired.contains(region);
 }
 
 std::array<KeptObject, kMaxObjects> TouchObjects::kept_objects() const noexcept {
@@ -48,7 +42,6 @@ std::optional<Arrival> TouchObjects::add(const ObjectDescription& description, c
   auto object = std::make_unique<Object>();
   object->serial = ++added_;
   object->cache_index = admitted.object;
-  object->is_retired.resize(base.regions.size());
   TouchObject& touch = object->touch;
   static_cast<ObjectDescription&>(touch) = description;
   touch.bounds = spm::bounds_of(base.summary);
@@ -60,11 +53,12 @@ std::optional<Arrival> TouchObjects::add(const ObjectDescription& description, c
   return Arrival{Arrival::Kind::kObject, &touch, {}, {}};
 }
 
-spm::AcceptResult TouchObjects::add_region(std::uint32_t number, const spm::RegionData& region, Arrival& arrival) {
+spm::AcceptResult TouchObjects::add_region(std::uint32_t number, const spm::RegionData& region,
+                                           const spm::ListSummary& expected, Arrival& arrival) {
   Object* const object = not_withdrawn(number);
   if (object == nullptr) return spm::AcceptResult::kMalformed;
   spm::RegionList list;
-  const spm::AcceptResult result = cache_.accept(object->cache_index, region, list);
+  const spm::AcceptResult result = cache_.accept(object->cache_index, region, expected, list);
   if (result == spm::AcceptResult::kAccepted) arrival = {Arrival::Kind::kRegion, &object->touch, region.region, list};
   return result;
 }
@@ -72,7 +66,7 @@ spm::AcceptResult TouchObjects::add_region(std::uint32_t number, const spm::Regi
 std::optional<Arrival> TouchObjects::retire(std::uint32_t number, spm::RegionId region) {
   if (!is_in_use(number, region)) return std::nullopt;
   Object* const object = not_withdrawn(number);
-  object->is_retired[spm::index(region)] = true;
+  object->retired.insert(region);
   return Arrival{Arrival::Kind::kRetire, &object->touch, region, {}};
 }
 
@@ -87,12 +81,10 @@ void TouchObjects::free(const Departure& departure) {
   std::unique_ptr<Object>& object = objects_[departure.object];
   if (!departure.is_object()) {
     cache_.release(object->cache_index, departure.region);
-    object->is_retired[spm::index(departure.region)] = false;
+    object->retired.erase(departure.region);
     return;
   }
-  for (std::uint32_t region = 0; region < object->is_retired.size(); ++region)
-    if (cache_.is_loaded(object->cache_index, spm::RegionId{region}))
-      cache_.release(object->cache_index, spm::RegionId{region});
+  cache_.release_all(object->cache_index);
   cache_.remove(object->cache_index);
   object.reset();
 }

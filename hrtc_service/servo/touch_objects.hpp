@@ -13,7 +13,7 @@
 #include <array>
 #include <memory>
 #include <optional>
-#include <vector>
+#include <set>
 
 #include "hrtc_service/servo/intake_link.hpp"
 #include "hrtc_service/servo/touch_object.hpp"
@@ -30,8 +30,9 @@ class TouchObjects {
   /// Adds an object whose base mesh has passed spm::violations. Returns nothing if its index is in use or the base mesh
   /// does not fit.
   [[nodiscard]] std::optional<Arrival> add(const ObjectDescription& description, const spm::BaseMesh& base);
-  /// Writes a region into the pool. If the result is not kAccepted, `arrival` is unchanged.
-  [[nodiscard]] spm::AcceptResult add_region(std::uint32_t object, const spm::RegionData& region, Arrival& arrival);
+  /// Writes a region into the pool, see Cache::accept. If the result is not kAccepted, `arrival` is unchanged.
+  [[nodiscard]] spm::AcceptResult add_region(std::uint32_t object, const spm::RegionData& region,
+                                             const spm::ListSummary& expected, Arrival& arrival);
   /// Retires a loaded region. Returns nothing if it is not loaded or is already retired.
   [[nodiscard]] std::optional<Arrival> retire(std::uint32_t object, spm::RegionId region);
   /// Withdraws an object. Returns nothing if there is no such object or it is already withdrawn.
@@ -49,9 +50,7 @@ class TouchObjects {
   /// Returns an object that is not withdrawn, or null.
   [[nodiscard]] TouchObject* find(std::uint32_t object) noexcept;
   [[nodiscard]] const TouchObject* find(std::uint32_t object) const noexcept;
-  /// Returns the number of regions of an object that is not withdrawn, or 0.
-  [[nodiscard]] std::uint32_t regions_of(std::uint32_t object) const noexcept;
-  /// Returns whether a region of such an object is loaded and not retired.
+  /// Returns whether a region of an object that is not withdrawn is loaded and not retired.
   [[nodiscard]] bool is_in_use(std::uint32_t object, spm::RegionId region) const noexcept;
   /// Returns which objects there are, by index.
   [[nodiscard]] std::array<KeptObject, kMaxObjects> kept_objects() const noexcept;
@@ -68,7 +67,7 @@ class TouchObjects {
     TouchObject touch;
     std::uint64_t serial = 0;
     spm::ObjectIndex cache_index{};
-    std::vector<bool> is_retired;  // by region
+    std::set<spm::RegionId> retired;  // loaded regions that the haptic thread is to return
     bool is_withdrawn = false;
   };
   [[nodiscard]] Object* not_withdrawn(std::uint32_t object) const noexcept;

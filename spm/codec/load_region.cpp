@@ -26,7 +26,8 @@ std::optional<RegionData> region_data(const CompressedModel& model, RegionId reg
 
 bool load_region(const CompressedModel& model, RegionId region, Cache& cache, ObjectIndex object, RegionList& list) {
   const std::optional<RegionData> data = region_data(model, region, cache, object);
-  return data && cache.accept(object, *data, list) == AcceptResult::kAccepted;
+  const ListSummary expected = list_summary(model.base().regions[index(region)]);
+  return data && cache.accept(object, *data, expected, list) == AcceptResult::kAccepted;
 }
 
 }  // namespace tactus::spm::codec

@@ -64,6 +64,9 @@ class IntakeTest : public testing::Test {
   [[nodiscard]] spm::RegionData region(std::uint32_t number) const {
     return *spm::codec::region_data(model(), RegionId{number}, spm::Cache{empty_pool()}, spm::ObjectIndex{0});
   }
+  void add_region(std::uint32_t object, const spm::RegionData& data) {
+    sender_->add_region(object, data, spm::list_summary(model().base().regions[index(data.region)]));
+  }
   [[nodiscard]] static spm::Pool& empty_pool() {
     static spm::Pool pool{spm::PoolSettings::for_slots(16)};
     return pool;
@@ -108,7 +111,7 @@ spm::codec::EncodedModel* IntakeTest::encoded_ = nullptr;
 
 TEST_F(IntakeTest, AnObjectAndItsRegionsReachTheServo) {
   sender_->add_object(3, object(), model().base());
-  for (std::uint32_t number = 0; number < model().summary().regions; ++number) sender_->add_region(3, region(number));
+  for (std::uint32_t number = 0; number < model().summary().regions; ++number) add_region(3, region(number));
   std::vector<AcceptResult> results;
   while (results.size() < model().summary().regions + 1)
     for (const AcceptResult result : exchange()) results.push_back(result);
@@ -123,7 +126,7 @@ TEST_F(IntakeTest, AnObjectAndItsRegionsReachTheServo) {
 }
 
 TEST_F(IntakeTest, OrdersForObjectsAndRegionsThatAreNotThereChangeNothing) {
-  sender_->add_region(3, region(0));
+  add_region(3, region(0));
   sender_->retire(3, RegionId{0});
   sender_->withdraw(3);
   sender_->withdraw(64);
@@ -135,8 +138,8 @@ TEST_F(IntakeTest, OrdersForObjectsAndRegionsThatAreNotThereChangeNothing) {
   sender_->add_object(3, object(), model().base());  // the index is in use
   sender_->retire(3, RegionId{0});                   // not loaded
   sender_->retire(3, RegionId{~0u});
-  sender_->add_region(3, region(0));
-  sender_->add_region(3, region(0));
+  add_region(3, region(0));
+  add_region(3, region(0));
   sender_->retire(3, RegionId{0});
   sender_->retire(3, RegionId{0});  // already retired
   EXPECT_THAT(exchange(),
@@ -189,21 +192,18 @@ TEST_F(IntakeTest, AWrongObjectIsRefused) {
 TEST_F(IntakeTest, AListWithoutARecordThatAnotherOneNeedsIsRefused) {
   const spm::Model whole = built_->model();
   const std::vector<std::uint32_t> checksums = spm::record_checksums(whole);
-  spm::BaseMesh base = model().base();
   const auto parent_is_record = [&](std::uint32_t record) {
-    return index(whole.first_part(spm::RecordId{record}).parent) >= base.summary.base_vertices;
+    return index(whole.first_part(spm::RecordId{record}).parent) >= whole.summary.base_vertices;
   };
   const spm::RegionData honest = region(0);
   std::uint32_t last = honest.list.back().first + honest.list.back().count - 1;
   while (!parent_is_record(last)) --last;
-  base.regions[1].record_count = 1;
-  base.regions[1].checksum = checksums[last];
-  sender_->add_object(0, object(), base);
-  sender_->add_region(0, honest);
+  sender_->add_object(0, object(), model().base());
+  add_region(0, honest);
   spm::RegionData open;
   open.region = RegionId{1};
   open.list = {{last, 1}};
-  sender_->add_region(0, open);
+  sender_->add_region(0, open, {1, checksums[last]});
   EXPECT_THAT(exchange(),
               testing::ElementsAre(AcceptResult::kAccepted, AcceptResult::kAccepted, AcceptResult::kMalformed));
   EXPECT_THAT(cache().violations(), IsEmpty());
@@ -214,7 +214,7 @@ TEST_F(IntakeTest, ARecordWhoseParentDoesNotExistIsRefused) {
   spm::RegionData wrong = region(0);
   for (const std::uint32_t beyond : {0u, 1u << 30, 0x7fffffffu - model().summary().base_vertices}) {
     wrong.parts[0].parent = spm::VertexId{model().summary().vertices + beyond};
-    sender_->add_region(0, wrong);
+    add_region(0, wrong);
   }
   EXPECT_THAT(exchange(), testing::ElementsAre(AcceptResult::kAccepted, AcceptResult::kMalformed,
                                                AcceptResult::kMalformed, AcceptResult::kMalformed));
@@ -249,7 +249,7 @@ class AttachTest : public IntakeTest {
  protected:
   AttachTest() {
     sender_->add_object(3, object(), model().base());
-    for (std::uint32_t number = 0; number < 3; ++number) sender_->add_region(3, region(number));
+    for (std::uint32_t number = 0; number < 3; ++number) add_region(3, region(number));
     EXPECT_THAT(exchange(), testing::Each(AcceptResult::kAccepted));
     for (int cycle = 0; cycle < 100; ++cycle) (void)run_cycle();
   }
@@ -287,8 +287,8 @@ TEST_F(AttachTest, TheServoKeepsObjectsAndRegionsAndDropsTheRestOfAMessage) {
   EXPECT_THAT(exchange(), testing::ElementsAre(AcceptResult::kLoaded, AcceptResult::kLoaded, AcceptResult::kLoaded))
       << "the object and the two regions that are not retired";
   EXPECT_EQ(sender_->free_space().slots, cache().slots_free());
-  sender_->add_region(3, region(5));
-  sender_->add_region(3, region(0));
+  add_region(3, region(5));
+  add_region(3, region(0));
   sender_->add_object(3, object(), model().base());
   EXPECT_THAT(exchange(),
               testing::ElementsAre(AcceptResult::kAccepted, AcceptResult::kLoaded, AcceptResult::kMalformed))
@@ -314,7 +314,7 @@ TEST_F(AttachTest, AnObjectThatHasChangedMustBeWithdrawnFirst) {
 }
 
 TEST_F(AttachTest, AnswersForTheEarlierGatewayAreNotTaken) {
-  sender_->add_region(3, region(7));
+  add_region(3, region(7));
   sender_->flush();
   intake_->tick();  // its answer waits
   const AttachAnswer answer = attach();
@@ -330,7 +330,7 @@ TEST_F(AttachTest, AnInvalidHeaderOfTheEarlierGatewayIsForgotten) {
   ASSERT_TRUE(intake_->is_broken());
   (void)attach();
   EXPECT_FALSE(intake_->is_broken());
-  sender_->add_region(3, region(5));
+  add_region(3, region(5));
   EXPECT_THAT(exchange(), testing::ElementsAre(AcceptResult::kAccepted));
 }
 
@@ -507,7 +507,7 @@ TEST_F(IntakeTest, DamagedMessagesNeitherBreakTheMeshNorTheForce) {
         break;
       default:
         for (std::uint32_t each = 0; each < 4; ++each)
-          sender_->add_region(each, region(below(model().summary().regions)));
+          add_region(each, region(below(model().summary().regions)));
     }
     sender_->flush();
     const std::uint64_t first = messages->popped, count = messages->pushed - first;

@@ -160,7 +160,7 @@ TEST_P(RunTime, APositionOutsideTheBoundsIsMalformedAndChangesNothing) {
       spm::RegionData data = hrtc.message(region);
       data.residuals.back()[axis] += octaves16;
       spm::RegionList list;
-      const AcceptResult result = hrtc.cache().accept(hrtc.object(), data, list);
+      const AcceptResult result = hrtc.accept(data, list);
       if (result == AcceptResult::kAccepted) {
         hrtc.cache().release(hrtc.object(), region);
         continue;
@@ -295,7 +295,7 @@ TEST(CacheCounts, ARegionIsRefusedWhileTheRegionCounterOfItsRecordsIsFull) {
   spm::RegionData data = HrtcModel{model, large_pool()}.message(region);
   spm::BaseMesh base = spm::base_mesh_of(model);
   constexpr std::uint32_t kMax = 32767;
-  base.regions.assign(kMax + 1, *shortest);  // all regions have the same closed list
+  base.summary.regions = kMax + 1;  // all with the same closed list
   spm::PoolSettings settings = large_pool();
   settings.list_blocks = (kMax + 1) * spm::ListBlock::blocks_for(shortest->record_count);
   spm::Pool pool{settings};
@@ -304,7 +304,7 @@ TEST(CacheCounts, ARegionIsRefusedWhileTheRegionCounterOfItsRecordsIsFull) {
   spm::RegionList list;
   const auto accept = [&](std::uint32_t number) {
     data.region = RegionId{number};
-    return cache.accept(admitted.object, data, list);
+    return cache.accept(admitted.object, data, list_summary(*shortest), list);
   };
   for (std::uint32_t i = 0; i < kMax; ++i) ASSERT_EQ(accept(i), AcceptResult::kAccepted) << i;
   const std::uint32_t blocks_free = cache.blocks_free();
@@ -344,13 +344,14 @@ TEST(CacheCounts, AListIsStillCheckedAfter255OtherLists) {
   spm::Cache cache{pool};
   const spm::Cache::Admitted admitted = cache.admit(base);
   spm::RegionList list;
-  ASSERT_EQ(cache.accept(admitted.object, data, list), AcceptResult::kAccepted);
+  ASSERT_EQ(cache.accept(admitted.object, data, list_summary(base.regions[0]), list), AcceptResult::kAccepted);
 
   spm::RegionData false_data;
   false_data.region = RegionId{1};
   false_data.list = {{index(last), 1}};
   for (int i = 0; i < 600; ++i)
-    ASSERT_EQ(cache.accept(admitted.object, false_data, list), AcceptResult::kMalformed) << i;
+    ASSERT_EQ(cache.accept(admitted.object, false_data, list_summary(false_region), list), AcceptResult::kMalformed)
+        << i;
 }
 
 TEST_P(RunTime, AMessageThatLacksARecordIsIncompleteAndChangesNothing) {
@@ -372,7 +373,7 @@ TEST_P(RunTime, AMessageThatLacksARecordIsIncompleteAndChangesNothing) {
   const std::uint32_t free_before = hrtc.cache().slots_free();
 
   spm::RegionList list;
-  EXPECT_EQ(hrtc.cache().accept(hrtc.object(), data, list), AcceptResult::kIncomplete);
+  EXPECT_EQ(hrtc.accept(data, list), AcceptResult::kIncomplete);
 
   EXPECT_EQ(hrtc.cache().slots_free(), free_before);
   EXPECT_THAT(hrtc.cache().violations(), IsEmpty());
@@ -400,7 +401,7 @@ TEST_P(RunTime, AListWithAReplacedRecordIsRefusedAndChangesNothing) {
     }
     spm::RegionData data = hrtc.false_message(region, intervals);
     spm::RegionList out;
-    const AcceptResult result = hrtc.cache().accept(hrtc.object(), data, out);
+    const AcceptResult result = hrtc.accept(data, out);
     ASSERT_NE(result, AcceptResult::kAccepted) << "round " << round;
     if (result == AcceptResult::kMalformed) ++malformed;
     ASSERT_EQ(hrtc.cache().slots_free(), free_before);

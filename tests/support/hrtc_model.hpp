@@ -61,9 +61,14 @@ class HrtcModel {
     return decoded(out.take());
   }
 
+  /// Passes a message to the cache, with the summary of its region in the model.
+  spm::AcceptResult accept(const spm::RegionData& message, spm::RegionList& list) {
+    return cache_.accept(object_, message, spm::list_summary(model_.regions[index(message.region)]), list);
+  }
+
   spm::AcceptResult load(spm::RegionId region) {
     spm::RegionList list;
-    const spm::AcceptResult result = cache_.accept(object_, message(region), list);
+    const spm::AcceptResult result = accept(message(region), list);
     if (result == spm::AcceptResult::kAccepted) forest_->add(region, list);
     return result;
   }

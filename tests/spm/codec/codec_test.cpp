@@ -276,7 +276,7 @@ TEST_F(RegionCodec, MutatedBytesDecodeToValidDataAndLeaveTheCacheWithoutViolatio
     ++decoded_count;
     ASSERT_NO_FATAL_FAILURE(expect_valid(*decoded, model_.summary)) << "round " << round << ", seed " << kCodecSeed;
     RegionList list;
-    if (hrtc.cache().accept(hrtc.object(), *decoded, list) == AcceptResult::kAccepted) {
+    if (hrtc.accept(*decoded, list) == AcceptResult::kAccepted) {
       ++accepted;
       hrtc.cache().release(hrtc.object(), decoded->region);
     }

@@ -74,7 +74,7 @@ TEST_F(CompressedCacheTest, RestoresAllRecordsOfTheModel) {
   for (std::uint32_t region = 0; region < regions(); ++region) {
     RegionList list;
     const RegionData& data = compressed_cache_.get(kObject, RegionId{region});
-    ASSERT_EQ(hrtc.cache().accept(hrtc.object(), data, list), AcceptResult::kAccepted) << region;
+    ASSERT_EQ(hrtc.accept(data, list), AcceptResult::kAccepted) << region;
     compressed_cache_.mark_loaded(kObject, RegionId{region});
     ASSERT_THAT(compressed_cache_.get(kObject, RegionId{region}).parts, IsEmpty()) << "all records are loaded";
   }
