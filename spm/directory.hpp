@@ -1,5 +1,5 @@
-/// The sizes of directories. The directory of an object lists its regions, the loaded regions, and the records that
-/// were received before. It has an entry for each region, each record and each base face, and is not part of the pool.
+/// The sizes of directories. The directory of an object lists its regions, the loaded regions, and a sample of the
+/// received records. It has an entry for each region and each base face, and is not part of the pool.
 #pragma once
 
 #include <algorithm>
@@ -15,15 +15,13 @@ namespace tactus::spm {
 /// Bytes for each region in the loader besides its grid: the progress of the region, and the summary of its list
 /// (hrtc_service/loader.hpp).
 inline constexpr std::uint32_t kLoaderBytesPerRegion = 20;
-/// Bits for each record in the compressed cache: one bit, set if the record was received before
-/// (spm/codec/compressed_cache.hpp).
-inline constexpr std::uint32_t kReceivedBitsPerRecord = 1;
+/// Bytes for each object in the compressed cache: a sample of the received records (spm/codec/received_records.hpp).
+inline constexpr std::uint32_t kReceivedSampleBytes = 16'384;
 
 /// Returns the bytes of an object's directory.
 [[nodiscard]] inline std::uint64_t directory_bytes(const ModelSummary& summary, const PoolSettings& pool) noexcept {
   return Cache::directory_bytes(summary) + Forest::directory_bytes(summary, pool) + RegionGrid::bytes(summary.regions) +
-         std::uint64_t{summary.regions} * kLoaderBytesPerRegion +
-         std::uint64_t{summary.records} * kReceivedBitsPerRecord / 8;
+         std::uint64_t{summary.regions} * kLoaderBytesPerRegion + kReceivedSampleBytes;
 }
 
 /// Returns the number of AB-tree nodes (spm/ab_tree.hpp) above the faces with the given FaceIds. O(n log n), allocates.
@@ -47,10 +45,10 @@ struct MemoryShares {
   PoolSettings pool;
   std::uint64_t directories;  ///< bytes
 };
-/// Divides the memory for models, `bytes`, between directories and pool. The directories get an eighth, or up to 10 MiB
-/// if the pool keeps 5 MiB or half. 10 MiB is enough for a model of 31 million faces.
+/// Divides the memory for models, `bytes`, between directories and pool. The directories get an eighth, or up to 7 MiB
+/// if the pool keeps 5 MiB or half. 7 MiB is enough for a model of 32 million faces.
 [[nodiscard]] inline MemoryShares memory_shares(std::uint64_t bytes) noexcept {
-  constexpr std::uint64_t kDirectories = 10u << 20, kPool = 5u << 20;
+  constexpr std::uint64_t kDirectories = 7u << 20, kPool = 5u << 20;
   const std::uint64_t beside_pool = bytes - std::min(bytes / 2, kPool);
   const std::uint64_t directories = std::max(bytes / 8, std::min(kDirectories, beside_pool));
   return {PoolSettings::for_bytes(bytes - directories), directories};

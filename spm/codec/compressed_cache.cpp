@@ -5,11 +5,13 @@
 
 #include "spm/codec/interval_codec.hpp"
 #include "spm/codec/region_codec.hpp"
+#include "spm/directory.hpp"
 
 namespace tactus::spm::codec {
 namespace {
 
 constexpr std::uint16_t kMaxLists = 0xffff;
+static_assert(ReceivedRecords::kMaxBytes == kReceivedSampleBytes);
 
 }  // namespace
 
@@ -26,8 +28,7 @@ CompressedCache::CompressedCache(std::uint32_t blocks)
 
 void CompressedCache::admit(ObjectIndex object, const ModelSummary& summary, const RecordTables& tables) {
   if (index(object) >= objects_.size()) objects_.values().resize(index(object) + 1);
-  objects_[object].emplace(
-      Object{&summary, RecordReader{summary, tables}, &tables, IdVector<RecordId, bool>{summary.records}});
+  objects_[object].emplace(Object{&summary, RecordReader{summary, tables}, &tables, {}});
 }
 
 std::uint32_t CompressedCache::write_chain(const Bytes& bytes) noexcept {
@@ -123,7 +124,7 @@ CompressedCache::PutResult CompressedCache::put(ObjectIndex number, RegionId reg
 
   index_.insert(key_of(number, region), write_chain(list.take()));
   static_cast<void>(for_each([&](RecordId record, std::uint32_t block, const RecordCode* received) {
-    if (received != nullptr && object.was_received[record]) ++put.returned;
+    if (received != nullptr) put.returned += object.received.add(record);
     if (received != nullptr && block != kNone) ++put.repeated;
     if (received != nullptr && block != kNone && unretired_lists_with_[block] > 0) ++put.repeated_unretired;
     if (block == kNone) {
@@ -133,7 +134,6 @@ CompressedCache::PutResult CompressedCache::put(ObjectIndex number, RegionId reg
       block = write_chain(out.take());
       lists_with_[block] = unretired_lists_with_[block] = loaded_lists_with_[block] = 0;
       index_.insert(key(number, record), block);
-      object.was_received[record] = true;
     }
     if (unretired_lists_with_[block]++ == 0 && lists_with_[block] > 0) retired_blocks_ -= chain_length(block);
     ++lists_with_[block];

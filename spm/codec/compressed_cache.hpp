@@ -20,6 +20,7 @@
 #include <string>
 #include <vector>
 
+#include "spm/codec/received_records.hpp"
 #include "spm/codec/record_codes.hpp"
 #include "spm/codec/record_reader.hpp"
 #include "spm/flat_index.hpp"
@@ -34,8 +35,7 @@ class CompressedCache {
   /// Allocates the memory of all blocks and writes to each page of it.
   explicit CompressedCache(std::uint32_t blocks);
 
-  /// Adds an object with its number in Cache. `summary` and `tables` must remain valid until `remove`. Allocates a bit
-  /// for each record.
+  /// Adds an object with its number in Cache. `summary` and `tables` must remain valid until `remove`. Allocates.
   void admit(ObjectIndex object, const ModelSummary& summary, const RecordTables& tables);
   /// Removes an object of which no region is held.
   void remove(ObjectIndex object) noexcept { objects_[object].reset(); }
@@ -50,7 +50,7 @@ class CompressedCache {
     };
     Status status = Status::kMalformed;
     std::uint32_t records = 0;             ///< number of records in the message
-    std::uint32_t returned = 0;            ///< number of these records that were received before
+    std::uint32_t returned = 0;            ///< number of these records that were received before (ReceivedRecords)
     std::uint32_t repeated = 0;            ///< number of these records that were already in the cache
     std::uint32_t repeated_unretired = 0;  ///< number of repeated records in the list of a region that is not retired
     std::uint32_t blocks = 0;              ///< number of blocks that the region took, or needs if the status is kFull
@@ -100,7 +100,7 @@ class CompressedCache {
     const ModelSummary* summary;
     RecordReader reader;
     const RecordTables* tables;
-    IdVector<RecordId, bool> was_received;
+    ReceivedRecords received;
   };
 
   [[nodiscard]] static std::uint64_t key(ObjectIndex object, RecordId record) noexcept {
