@@ -82,7 +82,8 @@ TEST_F(CompressedCacheTest, RestoresAllRecordsOfTheModel) {
   EXPECT_THAT(compressed_cache_.violations(), IsEmpty());
 }
 
-/// The contents of a compressed cache as plain sets of records, from which its counters can be computed.
+/// The contents of a compressed cache as plain sets of records, from which all its counters but one can be computed.
+/// ReceivedRecords computes the number of returned records.
 class ReferenceCache {
  public:
   struct StoredRegion {
@@ -139,12 +140,11 @@ class CompressedCacheCounters : public CompressedCacheTest {
     std::uint32_t returned = 0, repeated = 0, repeated_unretired = 0, new_blocks = 0;
     for (const std::uint32_t record : records_of(region)) {
       if (present.count(record) == 0) {
-        returned += static_cast<std::uint32_t>(received_.count(record));
+        returned += received_.add(RecordId{record});
         repeated += static_cast<std::uint32_t>(stored.count(record));
         repeated_unretired += static_cast<std::uint32_t>(not_retired.count(record));
       }
       if (stored.count(record) == 0) new_blocks += reference_.record_blocks.at(record);
-      received_.insert(record);
     }
     EXPECT_EQ(result.returned, returned);
     EXPECT_EQ(result.repeated, repeated);
@@ -155,7 +155,7 @@ class CompressedCacheCounters : public CompressedCacheTest {
   }
 
   ReferenceCache reference_;
-  std::set<std::uint32_t> received_;
+  ReceivedRecords received_;
   std::mt19937_64 random_{kCacheSeed};
   int with_retired_records_ = 0, with_returned_records_ = 0;
 };
