@@ -19,7 +19,10 @@ auto find_in(Records& records, std::uint64_t participant, std::uint64_t incarnat
 
 }  // namespace
 
-StopLatch::StopLatch(const Origin& self) : self_{self} { records_.reserve(kMaxStops); }
+StopLatch::StopLatch(const Origin& self) : self_{self} {
+  records_.reserve(kMaxStops);
+  direct_.reserve(kMaxStops);
+}
 
 bool StopLatch::is_own(std::uint64_t participant, std::uint64_t incarnation) const noexcept {
   return participant == self_.participant && incarnation == self_.incarnation;
@@ -93,9 +96,34 @@ void StopLatch::issue_stop() {
   raise(own.stop, std::max(own.stop, own.ended) + 1);
 }
 
+/// Returns whether the issuer itself has sent no stop with this number or a larger one before.
+bool StopLatch::is_first_from_issuer(const StopName& stop) {
+  const auto known = std::find_if(direct_.begin(), direct_.end(), [&](const StopName& other) {
+    return other.participant == stop.participant && other.incarnation == stop.incarnation;
+  });
+  if (known != direct_.end()) {
+    const bool is_first = stop.number > known->number;
+    known->number = std::max(known->number, stop.number);
+    std::rotate(known, known + 1, direct_.end());
+    return is_first;
+  }
+  if (direct_.size() == kMaxStops) direct_.erase(direct_.begin());
+  direct_.push_back(stop);
+  return true;
+}
+
 bool StopLatch::on_stop(const StopName& stop) {
   if (stop.number == 0 || is_own(stop.participant, stop.incarnation))
     return false;  // only this program issues its stops
+  const bool is_first = is_first_from_issuer(stop);
+  if (record_stop(stop)) return true;
+  const auto recorded = find_in(records_, stop.participant, stop.incarnation);
+  const bool has_ended = recorded != records_.end() && !stands(*recorded);
+  return is_first && has_ended && raise_own_stop();
+}
+
+/// Records a stop. Returns true when it is new and a stop stands.
+bool StopLatch::record_stop(const StopName& stop) {
   StopRecord* const record = find_or_add_stop(stop);
   if (record == nullptr) return raise_own_stop();
   const bool is_new = stop.number > record->stop;
@@ -123,9 +151,15 @@ bool StopLatch::on_reset(const ForceReset& reset) {
 
 bool StopLatch::on_roster(const RosterEntry& entry) {
   if (entry.origin.session != self_.session || entry.protocol != kProtocolVersion) return false;
+  if (entry.role != Role::kHost && entry.role != Role::kHrtc) return false;
   bool is_new = false;
-  for (const StopRecord& record : entry.stops)
-    if (stands(record)) is_new = on_stop({record.participant, record.incarnation, record.stop}) || is_new;
+  for (const StopRecord& stated : entry.stops) {
+    const StopName stop{stated.participant, stated.incarnation, stated.stop};
+    if (!stands(stated) || is_own(stop.participant, stop.incarnation)) continue;
+    const bool is_of_sender =
+        stop.participant == entry.origin.participant && stop.incarnation == entry.origin.incarnation;
+    is_new = (is_of_sender ? on_stop(stop) : record_stop(stop)) || is_new;
+  }
   return is_new;
 }
 

@@ -21,6 +21,10 @@
 /// stops in advance. The sender repeats its reset until no stop that it names stands at any program in its roster. A
 /// stop that arrives later stands until the next reset that names it.
 ///
+/// A host or HRTC forwards the stops that stand, so that a program that joins gets them. It could forward a stop that
+/// nobody has issued, with any number. So a forwarded stop never replaces one that its issuer sends: if a reset has
+/// ended the forwarded stop, this program issues a stop of its own for the issuer's.
+///
 /// No DDS and no clock; one thread at a time.
 #pragma once
 
@@ -49,7 +53,7 @@ class StopLatch {
   /// allocate.
   explicit StopLatch(const Origin& self);
 
-  /// Applies a stop. Returns true when the stop is new and stands.
+  /// Applies a stop that its issuer has sent. Returns true when the stop is new and a stop stands.
   bool on_stop(const StopName& stop);
   /// Issues a stop of this program. A reset that was sent before does not end it, even if an earlier stop of this
   /// program stands.
@@ -57,7 +61,7 @@ class StopLatch {
   /// Applies a reset. Returns true when the reset is new. A repeated reset only ends stops that it names and that
   /// arrived after it, or again after their records were dropped, so a fault since the first one stays latched.
   bool on_reset(const ForceReset& reset);
-  /// Applies the stops that stand in the roster entry of another program, but no resets. Returns true if a stop is new
+  /// Applies the stops that stand in the roster entry of a host or an HRTC, but no resets. Returns true if a stop is new
   /// and stands.
   bool on_roster(const RosterEntry& entry);
 
@@ -70,6 +74,8 @@ class StopLatch {
   [[nodiscard]] const std::vector<StopRecord>& records() const noexcept { return records_; }
 
  private:
+  [[nodiscard]] bool is_first_from_issuer(const StopName& stop);
+  bool record_stop(const StopName& stop);
   [[nodiscard]] bool is_own(std::uint64_t participant, std::uint64_t incarnation) const noexcept;
   [[nodiscard]] StopRecord* find(std::uint64_t participant, std::uint64_t incarnation) noexcept;
   [[nodiscard]] StopRecord& find_or_add(std::uint64_t participant, std::uint64_t incarnation);
@@ -82,6 +88,7 @@ class StopLatch {
 
   Origin self_;
   std::vector<StopRecord> records_;  // the most recently received last
+  std::vector<StopName> direct_;     // newest stop that each issuer itself has sent; the most recently received last
   std::uint32_t resets_ = 0;
   std::uint64_t changes_ = 0;
 };

@@ -287,6 +287,38 @@ TEST(StopLatch, TheRosterOfAProgramWithoutTheResetDoesNotRenewTheStopsThatItEnde
   EXPECT_FALSE(latch.stopped());
 }
 
+// A member could state a stop that its issuer has not issued. After a reset of this stop, the issuer's own stops must
+// still count, with a smaller number and with the same one.
+TEST(StopLatch, AStopThatAnotherProgramStatedDoesNotReplaceThoseOfItsIssuer) {
+  for (const std::uint32_t stated : {1u, 7u, 0xffffffffu}) {
+    StopLatch latch{origin(1)}, liar{origin(5)};
+    (void)liar.on_stop(stop(2, stated));
+    EXPECT_TRUE(latch.on_roster(entry(5, liar)));
+    (void)latch.on_reset(reset(3, 1, standing_stops(latch.records())));
+    ASSERT_FALSE(latch.stopped());
+    for (std::uint32_t number = 1; number <= 3; ++number) {
+      EXPECT_TRUE(latch.on_stop(stop(2, number))) << stated << ", stop " << number;
+      EXPECT_TRUE(latch.stopped()) << stated << ", stop " << number;
+      EXPECT_FALSE(latch.on_stop(stop(2, number))) << "a repeated stop";
+      (void)latch.on_reset(reset(3, 1 + number, standing_stops(latch.records())));
+      EXPECT_FALSE(latch.stopped());
+      EXPECT_FALSE(latch.on_stop(stop(2, number))) << "a repeated stop after its reset";
+      EXPECT_FALSE(latch.stopped());
+    }
+  }
+}
+
+TEST(StopLatch, AppliesNoStopsFromTheRosterOfAProgramThatRendersNoForceAndServesNoObject) {
+  for (const Role role : {Role::kClient, Role::kViewer}) {
+    StopLatch latch{origin(1)}, other{origin(5)};
+    (void)other.on_stop(stop(2));
+    RosterEntry stated = entry(5, other);
+    stated.role = role;
+    EXPECT_FALSE(latch.on_roster(stated));
+    EXPECT_FALSE(latch.stopped());
+  }
+}
+
 TEST(StopLatch, IgnoresStopsAndResetsUnderItsOwnName) {
   StopLatch latch{origin(1)};
   (void)latch.on_reset(reset(3, 1, {stop(1, 0xffffffff)}));
