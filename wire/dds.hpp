@@ -78,7 +78,8 @@ template <class Sample>
   if constexpr (kHasOrigin<Sample>) claim.participant = sample.origin.participant;
   if constexpr (requires { sample.user_id; }) claim.user = sample.user_id;
   if constexpr (requires { sample.object_id; }) claim.object = sample.object_id;
-  if constexpr (std::is_same_v<Sample, session::RosterEntry>) claim.entry = &sample;
+  if constexpr (std::is_same_v<Sample, session::RosterEntry>) claim.entry = &sample, claim.name = &sample.name;
+  if constexpr (std::is_same_v<Sample, session::CatalogueEntry>) claim.name = &sample.host;
   return claim;
 }
 

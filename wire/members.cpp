@@ -60,6 +60,10 @@ bool may_be(keys::Role role, session::Role in_session) {
   return false;
 }
 
+bool contains(const std::vector<std::uint64_t>& ids, std::uint64_t id) {
+  return std::find(ids.begin(), ids.end(), id) != ids.end();
+}
+
 std::vector<std::uint64_t> ids_of(const keys::Permitted& names) {
   std::vector<std::uint64_t> ids;
   for (const std::string& name : names) ids.push_back(session::id_of(name));
@@ -68,8 +72,13 @@ std::vector<std::uint64_t> ids_of(const keys::Permitted& names) {
 
 }  // namespace
 
-Members::Members(std::filesystem::path folder, keys::Member self, AuditLog& audit)
-    : folder_{std::move(folder)}, self_{std::move(self)}, audit_{audit}, revoked_{keys::read_revoked(folder_)} {}
+Members::Members(std::filesystem::path folder, keys::Member self, const std::string& participant, AuditLog& audit)
+    : folder_{std::move(folder)},
+      self_{std::move(self)},
+      own_id_{session::id_of(participant)},
+      own_begin_{keys::guid_begin_of(self_.group, keys::identity_of(self_, participant))},
+      audit_{audit},
+      revoked_{keys::read_revoked(folder_)} {}
 
 bool Members::admits(const std::uint8_t* message, std::uint32_t size, const Address& from) {
   const GuidPrefix sender = sender_of(message);
@@ -155,8 +164,7 @@ bool Members::record(const keys::Identity& identity, const GuidPrefix& sender, s
         return false;
       participant.announced_ns = now_ns;
       participant.lease_ns = std::max(participant.lease_ns, lease_ns);
-      if (std::find(participant.ids.begin(), participant.ids.end(), id) == participant.ids.end() &&
-          participant.ids.size() < Participant::kMaxIds && !is_id_of_another(id, participant.certificate))
+      if (!contains(participant.ids, id) && participant.ids.size() < Participant::kMaxIds && !is_id_of_another(id, participant.certificate))
         participant.ids.push_back(id);
       return true;
     }
@@ -173,7 +181,7 @@ bool Members::record(const keys::Identity& identity, const GuidPrefix& sender, s
     return false;
   }
   if (is_id_of_another(id, begin)) {
-    audit_.add({"unknown program", "", from(), "has the id of another program"});
+    audit_.add({"unknown program", "", from(), "states to be " + subject_of(identity) + ", with the id of another"});
     return false;
   }
   const std::string address = from();
@@ -182,7 +190,8 @@ bool Members::record(const keys::Identity& identity, const GuidPrefix& sender, s
     return false;
   }
   certificates_.try_emplace(begin, Certificate{subject_of(identity), identity.name, identity.serial, identity.role,
-                                               identity.valid_until, identity.permitted, ids_of(identity.permitted)});
+                                               identity.valid_until, identity.permitted, ids_of(identity.permitted),
+                                               {}});
   participants_[sender] = {begin, {id}, now_ns, address, now_ns, lease_ns};
   return true;
 }
@@ -200,12 +209,14 @@ const char* Members::reason_to_cut_off(const keys::Identity& identity, const key
 }
 
 /// An id is a hash of a name. A member could choose the name of an instance so that its id equals that of another
-/// member. So an id that a proved participant uses is refused to all other certificates.
+/// member. So the id of this program, and an id that a proved participant uses, are refused to all other certificates.
 bool Members::is_id_of_another(std::uint64_t id, const keys::GuidBegin& certificate) const {
+  if (id == own_id_ && certificate != own_begin_) return true;
   return std::any_of(participants_.begin(), participants_.end(), [&](const auto& entry) {
     const Participant& other = entry.second;
-    return other.is_proved && other.certificate != certificate && !certificates_.at(other.certificate).is_cut_off &&
-           std::find(other.ids.begin(), other.ids.end(), id) != other.ids.end();
+    if (!other.is_proved || other.certificate == certificate) return false;
+    const Certificate& of_other = certificates_.at(other.certificate);
+    return !of_other.is_cut_off && (contains(other.ids, id) || contains(of_other.ids, id));
   });
 }
 
@@ -249,11 +260,37 @@ void Members::cut_off(Certificate& certificate, const char* why) {
   audit_.add({"cut off", certificate.subject, "", why + serial_text(certificate.serial)});
 }
 
+/// Returns whether the author of a sample is the program that it names: by its own name, or by one that it has announced
+/// or that a sample of its member has stated.
+bool Members::is_sender(const Participant& author, const Certificate& certificate, const Claim& claim) {
+  return !claim.participant || contains(author.ids, *claim.participant) ||
+         contains(certificate.ids, *claim.participant) || states_own_name(certificate, claim);
+}
+
+bool Members::states_own_name(const Certificate& certificate, const Claim& claim) {
+  return claim.name != nullptr && keys::is_name_of(*claim.name, certificate.name) &&
+         session::id_of(*claim.name) == claim.participant;
+}
+
+/// Returns whether forged announcements may have kept the id of a program out of Participant::ids. Then its samples do
+/// not count until one states its name, and it is not cut off for them.
+bool Members::may_be_diverted(const Participant& author, const Certificate& certificate) noexcept {
+  return author.ids.size() == Participant::kMaxIds && certificate.ids.empty();
+}
+
+/// Stores the id of a program whose sample states its name.
+void Members::learn_name(Certificate& certificate, const keys::GuidBegin& begin, const Claim& claim) {
+  constexpr std::size_t kMaxPrograms = 64;  // with the same keys
+  if (!states_own_name(certificate, claim) || contains(certificate.ids, *claim.participant)) return;
+  if (is_id_of_another(*claim.participant, begin)) return;
+  if (certificate.ids.size() == kMaxPrograms) certificate.ids.erase(certificate.ids.begin());
+  certificate.ids.push_back(*claim.participant);
+}
+
 const char* Members::refusal_of(const Participant& author, const Certificate& certificate, const Claim& claim,
                                 const char* topic) {
   if (!may_write(certificate.role, topic)) return "not permitted";
-  if (claim.participant != 0 && std::find(author.ids.begin(), author.ids.end(), claim.participant) == author.ids.end())
-    return "false sender";
+  if (!is_sender(author, certificate, claim)) return "false sender";
   if (certificate.role == keys::Role::kTester) return nullptr;
   const std::vector<std::uint64_t>& permitted = certificate.permitted_ids;
   const auto is_permitted = [&](std::uint64_t id) {
@@ -265,6 +302,8 @@ const char* Members::refusal_of(const Participant& author, const Certificate& ce
     return "user not permitted";
   if (claim.entry == nullptr) return nullptr;
   if (!may_be(certificate.role, claim.entry->role)) return "role not permitted";
+  const bool may_forward_stops = certificate.role == keys::Role::kHost || certificate.role == keys::Role::kHrtc;
+  if (!claim.entry->stops.empty() && !may_forward_stops) return "role not permitted";
   return has_permitted_users(certificate, *claim.entry) ? nullptr : "user not permitted";
 }
 
@@ -290,7 +329,8 @@ bool Members::is_author(const GuidPrefix& participant, const Claim& claim, const
     if (author == participants_.end()) return false;  // it was not admitted, so the library cannot have matched it
     const Certificate& certificate = certificates_.at(author->second.certificate);
     const bool has_known_list = claim.entry == nullptr || claim.entry->revoked_made_s == author->second.list_made;
-    if (has_known_list && refusal_of(author->second, certificate, claim, topic) == nullptr)
+    const bool has_known_name = claim.name == nullptr || contains(certificate.ids, *claim.participant);
+    if (has_known_list && has_known_name && refusal_of(author->second, certificate, claim, topic) == nullptr)
       return !certificate.is_cut_off;
   }
   const std::unique_lock lock{mutex_};
@@ -298,13 +338,15 @@ bool Members::is_author(const GuidPrefix& participant, const Claim& claim, const
   if (author == participants_.end()) return false;
   Certificate& certificate = certificates_.at(author->second.certificate);
   const char* const why = refusal_of(author->second, certificate, claim, topic);
-  if (why == nullptr) {  // an announcement has added the id since, or the list is new
+  if (why == nullptr) {  // an announcement has added the id since, or the list or the name is new
+    learn_name(certificate, author->second.certificate, claim);
     if (claim.entry != nullptr && session::invalid_field(*claim.entry) == nullptr)
       author->second.list_made = claim.entry->revoked_made_s;
     return !certificate.is_cut_off;
   }
   audit_.add({why, certificate.subject, "", topic});
-  count_refused(certificate);
+  if (is_sender(author->second, certificate, claim) || !may_be_diverted(author->second, certificate))
+    count_refused(certificate);
   return false;
 }
 
@@ -347,7 +389,14 @@ void Members::report_refused_user(std::uint64_t client, const std::string& user)
 std::uint64_t Members::id_of(const GuidPrefix& participant) const {
   const std::shared_lock lock{mutex_};
   const auto known = participants_.find(participant);
-  return known == participants_.end() ? 0 : known->second.ids.front();
+  if (known == participants_.end()) return 0;
+  const std::vector<std::uint64_t>& announced = known->second.ids;
+  const std::vector<std::uint64_t>& named = certificates_.at(known->second.certificate).ids;
+  const auto both =
+      std::find_if(announced.begin(), announced.end(), [&](std::uint64_t id) { return contains(named, id); });
+  if (both != announced.end()) return *both;
+  if (announced.size() == Participant::kMaxIds && !named.empty()) return named.back();
+  return announced.empty() ? 0 : announced.front();
 }
 
 /// The library waits for a participant that never answers in the handshake, and reports no failure.
@@ -369,7 +418,10 @@ void Members::on_authentication(const GuidPrefix& participant, bool succeeded) {
   const auto known = participants_.find(participant);
   const std::string stated = known == participants_.end() ? "" : certificates_.at(known->second.certificate).subject;
   if (succeeded && known != participants_.end()) {
-    known->second.is_proved = true;
+    Participant& participant = known->second;
+    std::erase_if(participant.ids,
+                  [&](std::uint64_t id) { return is_id_of_another(id, participant.certificate); });
+    participant.is_proved = true;
     audit_.add({"joined", stated, "", ""});
   } else {
     audit_.add({"not authenticated", "", "", stated.empty() ? "" : "states to be " + stated});

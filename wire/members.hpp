@@ -41,10 +41,12 @@ namespace tactus::wire {
 
 /// The fields of a sample that the keys of its author must permit.
 struct Claim {
-  std::uint64_t participant = 0;                ///< id of the sender; 0: the sample names none
+  std::optional<std::uint64_t> participant;     ///< id of the sender; none: the sample names none
   std::uint64_t user = 0;                       ///< id of the user that it moves or represents; 0: none
   std::uint64_t object = 0;                     ///< id of the object that it offers or moves; 0: none
   const session::RosterEntry* entry = nullptr;  ///< the sample, if it is a roster entry
+  /// Name of the sender, if the sample states it.
+  const std::string* name = nullptr;
 };
 
 class Members {
@@ -72,8 +74,9 @@ class Members {
   /// PKIDH::begin_handshake_reply reads the certificate of the sender again after each failure.
   static constexpr std::uint32_t kMaxHandshakeRate = 2;
 
-  /// `folder`: with the keys of this program. `audit` gets an event for each refusal; must outlive this.
-  Members(std::filesystem::path folder, keys::Member self, AuditLog& audit);
+  /// `folder`: with the keys of this program, `self`. `participant`: its name in the session. `audit` gets an event for
+  /// each refusal; must outlive this.
+  Members(std::filesystem::path folder, keys::Member self, const std::string& participant, AuditLog& audit);
 
   /// Returns whether the library may read a message. `from` returns the address of its sender.
   using Address = std::function<std::string()>;
@@ -91,7 +94,7 @@ class Members {
   /// Writes to the audit log that this program, an HRTC, may not serve a user whom the program with this id brings.
   void report_refused_user(std::uint64_t client, const std::string& user) const;
 
-  /// Returns the id of the program with this participant; 0 if it is no member.
+  /// Returns the id of the program with this participant; 0 if it is not known.
   [[nodiscard]] std::uint64_t id_of(const GuidPrefix& participant) const;
 
   /// The library has received an announcement that `admits` let pass. If the participant has not proved its identity
@@ -118,6 +121,7 @@ class Members {
     std::time_t valid_until = 0;
     keys::Permitted permitted;
     std::vector<std::uint64_t> permitted_ids;
+    std::vector<std::uint64_t> ids;  // of its programs, from samples with their names; the newest last
     std::uint32_t refused = 0;  // samples in the window, of which the first was refused at this time
     std::int64_t refused_since_ns = 0;
     bool is_cut_off = false;
@@ -125,7 +129,7 @@ class Members {
   struct Participant {
     static constexpr std::size_t kMaxIds = 4;
     keys::GuidBegin certificate{};
-    // Of the names that its announcements state. The name is not authenticated, but all are names of its member.
+    // Of the names that its announcements state. Everyone can repeat an announcement with another name of its member.
     std::vector<std::uint64_t> ids;
     std::int64_t announced_ns = 0;
     std::string address = {};            // of the sender of its first announcement
@@ -149,6 +153,10 @@ class Members {
   [[nodiscard]] bool has_room(const std::string& address) const;
   [[nodiscard]] bool make_room(const std::string& address);
   /// The event of the audit log that refuses a sample; null if it is not refused.
+  [[nodiscard]] static bool is_sender(const Participant& author, const Certificate& certificate, const Claim& claim);
+  [[nodiscard]] static bool states_own_name(const Certificate& certificate, const Claim& claim);
+  [[nodiscard]] static bool may_be_diverted(const Participant& author, const Certificate& certificate) noexcept;
+  void learn_name(Certificate& certificate, const keys::GuidBegin& begin, const Claim& claim);
   [[nodiscard]] static const char* refusal_of(const Participant& author, const Certificate& certificate,
                                               const Claim& claim, const char* topic);
   [[nodiscard]] static bool has_permitted_users(const Certificate& certificate, const session::RosterEntry& entry);
@@ -159,6 +167,8 @@ class Members {
 
   const std::filesystem::path folder_;
   const keys::Member self_;
+  const std::uint64_t own_id_;
+  const keys::GuidBegin own_begin_;
   AuditLog& audit_;
   mutable std::shared_mutex mutex_;  // for the members below
   keys::RevokedKeys revoked_;

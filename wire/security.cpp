@@ -91,7 +91,7 @@ Security::Security(SessionAddress& address)
       member_{read_keys(address)},
       identity_{text_of(keys::identity_of(member_, address.participant))},
       audit_{audit_file(address), address.session, address.participant},
-      members_{folder_, member_, audit_} {
+      members_{folder_, member_, address.participant, audit_} {
   audit_.add({"started", std::string{name_of(member_.role)} + " " + member_.name, "", ""});
   if (const std::string error = audit_.write(realtime::monotonic_ns()); !error.empty())
     throw WireError("audit log: " + error + "; --audit FILE names another file");

@@ -92,7 +92,7 @@ class MembersTest : public testing::Test {
   keys::Authority authority_ = keys::Authority::create(folder_.path() / "lab-keys");
   keys::Member self_ = add("desk", Role::kHrtc);
   AuditLog audit_{folder_.path() / "audit.jsonl", "lab", "desk"};
-  Members members_{authority_.folder_of("desk"), self_, audit_};
+  Members members_{authority_.folder_of("desk"), self_, "desk", audit_};
 };
 
 TEST_F(MembersTest, AProgramIsAdmittedWithTheIdentityOfItsKeys) {
@@ -155,19 +155,68 @@ TEST_F(MembersTest, AForgedNameOfAProgramDoesNotReplaceItsName) {
   EXPECT_TRUE(members_.is_author(prefix_of(museum), {session::id_of("museum")}, "tactus_roster"));
 }
 
+// Who starts to listen gets the forged announcements first, and stores only a few names.
+TEST_F(MembersTest, ManyForgedNamesOfAProgramDoNotDivertItsSamples) {
+  const keys::Member museum = add("museum", Role::kHost);
+  const GuidPrefix sender = prefix_of(museum);
+  for (const char* const name : {"museum.a", "museum.b", "museum.c", "museum.d", "museum"})
+    ASSERT_TRUE(admits({announcement(sender, text_of(keys::identity_of(museum, name)))}, sender));
+  members_.on_authentication(sender, true);
+  const std::uint64_t id = session::id_of("museum");
+  for (std::uint32_t i = 0; i < 2 * Members::kMaxRefused; ++i)
+    EXPECT_FALSE(members_.is_author(sender, {id}, "tactus_object_pose")) << "no sample has stated the name";
+  session::RosterEntry entry;
+  entry.role = session::Role::kHost;
+  entry.name = "museum";
+  EXPECT_TRUE(members_.is_author(sender, {id, 0, 0, &entry, &entry.name}, "tactus_roster"));
+  EXPECT_TRUE(members_.is_author(sender, {id}, "tactus_object_pose"));
+  EXPECT_EQ(members_.id_of(sender), id) << "the sender of its chunks";
+  EXPECT_THAT(audit(), Not(HasSubstr("cut off")));
+}
+
+TEST_F(MembersTest, ANameInASampleCountsOnlyForItsMember) {
+  const keys::Member museum = add("museum", Role::kHost), ann = add("ann", Role::kUser);
+  ASSERT_TRUE(admits(museum, "museum"));
+  ASSERT_TRUE(admits(ann, "ann"));
+  session::RosterEntry entry;
+  entry.name = "museum";
+  const std::uint64_t museum_id = session::id_of("museum");
+  EXPECT_FALSE(members_.is_author(prefix_of(ann), {museum_id, 0, 0, &entry, &entry.name}, "tactus_roster"));
+  entry.name = "ann.y";
+  EXPECT_FALSE(members_.is_author(prefix_of(ann), {museum_id, 0, 0, &entry, &entry.name}, "tactus_roster"));
+}
+
+// An id is a hash of 64 bits of a name, and a member may choose a name. Here it chooses the same name.
+TEST_F(MembersTest, TheIdOfThisProgramIsRefusedToOthers) {
+  const keys::Member ann = add("ann", Role::kUser);
+  Members twin{authority_.folder_of("desk"), self_, "ann.x", audit_};
+  const GuidPrefix sender = prefix_of(ann);
+  const auto admits_name = [&](const char* name) {
+    const Bytes message = message_of({announcement(sender, text_of(keys::identity_of(ann, name)))}, sender);
+    return twin.admits(message.data(), static_cast<std::uint32_t>(message.size()), [] { return "10.0.0.9"; });
+  };
+  EXPECT_FALSE(admits_name("ann.x"));
+  EXPECT_TRUE(admits_name("ann"));
+  EXPECT_TRUE(admits_name("ann.x")) << "the participant is known by its other name";
+  twin.on_authentication(sender, true);
+  EXPECT_FALSE(twin.is_author(sender, {session::id_of("ann.x")}, "tactus_roster"));
+  EXPECT_THAT(audit(), HasSubstr(R"("detail":"states to be user ann, with the id of another")"));
+}
+
 TEST_F(MembersTest, ASampleCountsIfItsAuthorClaimsItAndMayWriteIt) {
   const keys::Member museum = add("museum", Role::kHost), ann = add("ann", Role::kUser);
   ASSERT_TRUE(admits(museum, "museum"));
   ASSERT_TRUE(admits(ann, "ann"));
   const std::uint64_t museum_id = session::id_of("museum"), ann_id = session::id_of("ann");
   EXPECT_TRUE(members_.is_author(prefix_of(museum), {museum_id}, "tactus_catalogue"));
-  EXPECT_TRUE(members_.is_author(prefix_of(museum), {0}, "tactus_records"));
+  EXPECT_TRUE(members_.is_author(prefix_of(museum), {}, "tactus_records"));
   EXPECT_FALSE(members_.is_author(prefix_of(ann), {museum_id}, "tactus_roster"));
+  EXPECT_FALSE(members_.is_author(prefix_of(ann), {0}, "tactus_roster")) << "in nobody's name";
   EXPECT_FALSE(members_.is_author(prefix_of(ann), {ann_id}, "tactus_reset"));
-  EXPECT_FALSE(members_.is_author(prefix_of(ann), {0}, "tactus_records"));
+  EXPECT_FALSE(members_.is_author(prefix_of(ann), {}, "tactus_records"));
   EXPECT_FALSE(members_.is_author(prefix_of(ann, 2), {ann_id}, "tactus_roster")) << "a participant that nobody knows";
   const std::string log = audit();
-  EXPECT_THAT(log, HasSubstr(R"("event":"false sender","subject":"user ann","detail":"tactus_roster","count":1)"));
+  EXPECT_THAT(log, HasSubstr(R"("event":"false sender","subject":"user ann","detail":"tactus_roster","count":2)"));
   EXPECT_THAT(log, HasSubstr(R"("event":"not permitted","subject":"user ann","detail":"tactus_reset","count":1)"));
   EXPECT_THAT(log, Not(HasSubstr(R"("subject":"host museum","detail")")));
 }
@@ -221,6 +270,13 @@ TEST_F(MembersTest, ARosterEntryHasTheRoleAndTheUsersOfTheKeys) {
   EXPECT_FALSE(counts(museum, host));
   EXPECT_FALSE(counts(screen, viewer)) << "it brings no users";
   EXPECT_TRUE(counts(laptop, viewer));
+  viewer.users.clear();
+  hrtc.stops = host.stops = viewer.stops = {{1, 1, 1, 0, 0}};
+  host.users.clear();
+  EXPECT_TRUE(counts(lab, hrtc));
+  EXPECT_TRUE(counts(museum, host));
+  EXPECT_FALSE(counts(laptop, viewer)) << "it forwards no stops";
+  EXPECT_FALSE(counts(screen, viewer));
   client.users.emplace_back("bob");
   hrtc.served_users.push_back({"bob", 1});
   EXPECT_FALSE(counts(laptop, client));
