@@ -94,7 +94,17 @@ void BodyExchange::tick(std::int64_t now_ns, const session::ClockMap& clock) {
     gateway_.on_transit(transit_ns, clock.session_time(now_ns));
 }
 
-void BodyExchange::send_claims() {
+void BodyExchange::admit_groups() {
+  for (const auto& [id, endpoints] : endpoints_) {
+    const session::ObjectGrant& group = gateway_.ownership().group(endpoints.object);
+    const std::lock_guard lock{ring_mutex_};
+    session::CopyAdmission& admission = copy_admissions_[endpoints.object];
+    if (admission.fencing() != group.fencing) admission.set_group(group);
+  }
+}
+
+void BodyExchange::after_tick() {
+  admit_groups();
   for (const session::ObjectClaim& claim : gateway_.claims()) (void)claims_out_.send(claim);
 }
 

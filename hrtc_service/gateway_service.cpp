@@ -259,7 +259,7 @@ void GatewayService::Impl::send(session::RosterEntry entry) {
 void GatewayService::Impl::tick_gateway(std::int64_t now_ns) {
   exchange.tick(now_ns, membership.clock());
   gateway.tick(now_ns, membership.clock());
-  exchange.send_claims();
+  exchange.after_tick();
   if (!gateway.has_new_reports()) return;
   process_reports();
   service_manager.alive(now_ns);  // the haptic thread works, too

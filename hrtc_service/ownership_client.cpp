@@ -99,8 +99,9 @@ void OwnershipClient::update_coupling(Object& object, std::int64_t now_ns) {
       role == Role::kRequesting && is_coupled && now_ns - object.peer_received_ns < kMaxPeerSilenceNs;
   if (has_live_peers) return;
   object.coupling = {};
+  object.group = {};
   if (!granted) return;
-  const session::ObjectGrant& grant = object.claimant.grant();
+  const session::ObjectGrant& grant = object.group = object.claimant.grant();
   object.coupling = {grant.fencing, static_cast<std::uint32_t>(grant.touchers.size()),
                      static_cast<std::uint32_t>(object.claimant.copy_index()),
                      std::clamp(grant.channel_delay_ns, kMinChannelDelayNs, kMaxChannelDelayNs)};
@@ -135,6 +136,13 @@ std::vector<session::ObjectClaim> OwnershipClient::tick(std::int64_t now_ns, con
   }
   post_orders();
   return claims;
+}
+
+const session::ObjectGrant& OwnershipClient::group(std::uint32_t object_index) const {
+  static const session::ObjectGrant none;
+  for (const auto& object : objects_)
+    if (object->index == object_index) return object->group;
+  return none;
 }
 
 session::Claimant::Role OwnershipClient::role(std::uint32_t object_index, std::int64_t now_ns) const {

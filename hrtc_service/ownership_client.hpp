@@ -55,6 +55,8 @@ class OwnershipClient {
   };
   /// Returns the status of all movable objects in the last reports.
   [[nodiscard]] const std::vector<BodyStatus>& bodies() const noexcept { return bodies_; }
+  /// Returns the grant of the coupling of an object in use; an empty one if the object is not coupled.
+  [[nodiscard]] const session::ObjectGrant& group(std::uint32_t object_index) const;
   [[nodiscard]] session::Claimant::Role role(std::uint32_t object_index, std::int64_t now_ns) const;
 
   void add_figures(std::vector<session::Figure>& figures) const;
@@ -69,7 +71,8 @@ class OwnershipClient {
     session::Claimant claimant;
     session::PoseAdmission pose_admission;
     sharing::ReceivedPose received;
-    GrantedCoupling coupling;  // in use
+    GrantedCoupling coupling;    // in use
+    session::ObjectGrant group;  // of `coupling`
     std::int64_t peer_received_ns = 0;
     // Figures.
     std::uint64_t last_fencing = 0;            // of the coupling in `ledger`

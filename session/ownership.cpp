@@ -216,7 +216,16 @@ Claimant::Role Claimant::role(std::int64_t now_ns) const noexcept {
   return copy_index_ == 0 ? Role::kLeader : Role::kCopy;
 }
 
+void CopyAdmission::set_group(const ObjectGrant& grant) noexcept {
+  fencing_ = grant.fencing;
+  group_ = {};
+  std::copy_n(grant.touchers.begin(), std::min<std::size_t>(grant.touchers.size(), kMaxTouchers), group_.begin());
+}
+
 bool CopyAdmission::accept(const ObjectCopy& copy, std::int64_t now_ns, std::int64_t session_now_ns) noexcept {
+  if (fencing_ == 0 || copy.fencing != fencing_ || copy.copy_index >= kMaxTouchers) return false;
+  const Toucher& author = group_[copy.copy_index];
+  if (author.participant != copy.origin.participant || author.incarnation != copy.origin.incarnation) return false;
   auto at = find_participant(peers_, copy.origin.participant, [](const Peer& peer) { return peer.participant; });
   if (at == peers_.end()) {
     at = std::min_element(peers_.begin(), peers_.end(),

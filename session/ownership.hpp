@@ -172,8 +172,12 @@ class Claimant {
 /// Decides which samples from the other copies of an object are accepted, for an HRTC that simulates one copy.
 class CopyAdmission {
  public:
-  /// Returns false for an implausible sample (session/sequence_window.hpp). Accepts an overtaken sample, because it can
-  /// fill a gap in the received channels. Realtime.
+  /// Sets the copies whose samples are accepted: the touchers of this grant. Realtime.
+  void set_group(const ObjectGrant& grant) noexcept;
+  [[nodiscard]] std::uint64_t fencing() const noexcept { return fencing_; }
+  /// Returns false for a sample of another group or another author than the grant lists, and for an implausible sample
+  /// (session/sequence_window.hpp). Accepts an overtaken sample, because it can fill a gap in the received channels.
+  /// Realtime.
   [[nodiscard]] bool accept(const ObjectCopy& copy, std::int64_t now_ns, std::int64_t session_now_ns) noexcept;
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
 
@@ -184,6 +188,8 @@ class CopyAdmission {
     SenderWindow numbers{kCycleNumbers};
     TimeWindow times;
   };
+  std::uint64_t fencing_ = 0;                  // 0: no group
+  std::array<Toucher, kMaxTouchers> group_{};  // by copy index
   std::array<Peer, kMaxTouchers> peers_;
   std::uint64_t implausible_ = 0;
 };

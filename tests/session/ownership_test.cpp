@@ -683,11 +683,47 @@ TEST(PoseAdmission, AcceptsPosesAfterOneImplausiblePose) {
   }
 }
 
+ObjectGrant group_of(std::uint64_t fencing) {
+  ObjectGrant grant;
+  grant.fencing = fencing;
+  grant.touchers = {{1, 1, 1}, {2, 1, 1}};
+  return grant;
+}
+
+TEST(CopyAdmission, AcceptsOnlyTheCopiesOfTheGrant) {
+  CopyAdmission admission;
+  std::uint32_t sequence = 0;
+  const auto accepts = [&](std::uint64_t participant, std::uint64_t incarnation, std::uint32_t index,
+                           std::uint64_t fencing) {
+    ObjectCopy copy;
+    copy.origin = origin_of(participant, incarnation);
+    copy.sequence = ++sequence;
+    copy.copy_index = index;
+    copy.fencing = fencing;
+    copy.session_time_ns = sequence * kMs;
+    return admission.accept(copy, sequence * kMs, sequence * kMs);
+  };
+  EXPECT_FALSE(accepts(2, 1, 1, 0)) << "there is no grant yet";
+  admission.set_group(group_of(5));
+  EXPECT_TRUE(accepts(2, 1, 1, 5));
+  EXPECT_FALSE(accepts(3, 1, 1, 5)) << "another program";
+  EXPECT_FALSE(accepts(2, 1, 0, 5)) << "the copy of another one";
+  EXPECT_FALSE(accepts(2, 2, 1, 5)) << "another start of the program";
+  EXPECT_FALSE(accepts(3, 1, 2, 5)) << "a copy that there is not";
+  EXPECT_FALSE(accepts(2, 1, 0xffffffff, 5));
+  EXPECT_FALSE(accepts(2, 1, 1, 4)) << "another group";
+  admission.set_group({});
+  EXPECT_FALSE(accepts(2, 1, 1, 5)) << "the group has ended";
+}
+
 TEST(CopyAdmission, AcceptsSamplesAfterOneImplausibleSample) {
   for (const bool sequence_is_wrong : {true, false}) {
     CopyAdmission admission;
+    admission.set_group(group_of(5));
     ObjectCopy copy;
     copy.origin = origin_of(2, 1);
+    copy.fencing = 5;
+    copy.copy_index = 1;
     int accepted = 0;
     for (std::uint32_t i = 1; i <= 100; ++i) {
       copy.sequence = i;
