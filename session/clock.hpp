@@ -58,6 +58,9 @@ struct ClockMap {
 
 /// Error bound of a clock that has received no answer yet.
 inline constexpr std::int64_t kClockUnknown = INT64_C(1) << 60;
+/// Latest session time of a reference; one that states a later time is ignored. A roster entry can state twice that
+/// time. Otherwise a reference could set the clocks of all programs so that none of them could send roster entries.
+inline constexpr std::int64_t kMaxReferenceNs = INT64_C(1) << 59;
 
 class SessionClock {
  public:

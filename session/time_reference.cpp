@@ -28,6 +28,7 @@ bool outranks(const Reference& a, const Reference& b) noexcept {
 
 std::optional<Reference> reference_of(const Roster& roster, const RosterEntry& entry, std::int64_t local_now_ns) {
   if (!can_be_reference(entry.role) || entry.reference != entry.origin.participant) return std::nullopt;
+  if (entry.session_time_ns > kMaxReferenceNs) return std::nullopt;
   const std::int64_t age_ns = local_now_ns - roster.received_ns(entry.origin.participant);
   return Reference{
       {entry.origin.participant, entry.origin.incarnation}, entry.session_time_ns + age_ns, entry.joined_ns};

@@ -221,6 +221,7 @@ TEST(SessionClock, RefusesForeignAndImpossibleAnswers) {
   EXPECT_TRUE(refused([](ClockSample& answer) { answer.t2_ns = answer.t1_ns + 5000; }))
       << "the answer took longer than the round trip";
   EXPECT_TRUE(refused([](ClockSample& answer) { answer.t0_ns = INT64_MIN; }));
+  EXPECT_TRUE(refused([](ClockSample& answer) { answer.t1_ns = answer.t2_ns = (INT64_C(1) << 60) - 5; }));
   EXPECT_TRUE(pair.requester_.on_answer(correct, 1000));
   EXPECT_FALSE(pair.requester_.on_answer(correct, 1000)) << "a repeated answer";
 }

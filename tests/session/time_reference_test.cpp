@@ -229,6 +229,27 @@ TEST_F(TimeReferenceTest, AYoungerSessionMergesWithAnOlderSessionOnceNoForceIsOn
       << "the younger session joined later";
 }
 
+// Roster entries can state up to 2^60 ns. Programs that follow such a reference could send none soon.
+TEST_F(TimeReferenceTest, AReferenceWhoseTimeAlmostEndsIsIgnored) {
+  const std::size_t host = start(20, Role::kHost, 5), hrtc = start(40, Role::kHrtc, 6);
+  run(3'000);
+  RosterEntry liar;
+  liar.origin = {kSession, 10, 1, 0};
+  liar.role = Role::kHost;
+  liar.name = "10";
+  liar.reference = 10;
+  liar.session_time_ns = (INT64_C(1) << 60) - 5'000 * kMs;
+  liar.joined_ns = 0;
+  for (int second = 0; second < 10; ++second) {
+    ++liar.heartbeat;
+    (void)program(host).roster.on_entry(liar, local(host));
+    (void)program(hrtc).roster.on_entry(liar, local(hrtc));
+    run(100);
+    ASSERT_EQ(reference(host), 20u) << second;
+    ASSERT_EQ(reference(hrtc), 20u) << second;
+  }
+}
+
 TEST_F(TimeReferenceTest, APartitionedParticipantRejoinsUnderAForceWithoutAStep) {
   const std::size_t host = start(20, Role::kHost, 5), hrtc = start(40, Role::kHrtc, 6);
   run(5'000);
