@@ -93,7 +93,7 @@ bool Loader::reserve_directory(Object& object) {
   const std::uint64_t takes = spm::directory_bytes(object.summary, pool_);
   const std::uint64_t left = settings_.directory_bytes - directory_bytes_;
   if (takes <= left) {
-    directory_bytes_ += takes;
+    directory_bytes_ += object.directory_bytes = takes;
     return true;
   }
   object.refused = true;
@@ -105,6 +105,8 @@ bool Loader::reserve_directory(Object& object) {
                  std::to_string(object.summary.regions) + " regions " + sizes + "; raise --memory");
   return false;
 }
+
+void Loader::release_directory(Object& object) noexcept { directory_bytes_ -= std::exchange(object.directory_bytes, 0); }
 
 /// Withdraws the objects that a host offered before `change` and that no host offers after it.
 template <class Change>
@@ -139,7 +141,7 @@ void Loader::forget_unoffered(std::int64_t now_ns) {
     delivery_.close(id);
     drop_waiting(object);
     drop_pending_base(object);
-    if (!object.refused) directory_bytes_ -= spm::directory_bytes(object.summary, pool_);
+    release_directory(object);
     forget(object);
   }
   if (!unoffered.empty()) open_postponed();

@@ -281,6 +281,7 @@ class Loader {
     std::vector<spm::ProbePredictor> predictors;           // by probe
     std::vector<std::uint32_t> held;                       // regions in StoreState::kHeld
     std::vector<std::uint32_t> loaded;                     // regions in PoolState::kLoaded
+    std::uint64_t directory_bytes = 0;                     // reserved for its directory
     std::uint32_t base_slots = 0, base_nodes = 0;          // slots and tree nodes reserved for its base mesh
     bool ready = false;                                    // the base mesh was sent to the intake
     bool withdrawn = false;                                // only after `ready`
@@ -288,6 +289,7 @@ class Loader {
   };
 
   [[nodiscard]] bool reserve_directory(Object& object);
+  void release_directory(Object& object) noexcept;
   void forget_unoffered(std::int64_t now_ns);
   void drop_waiting(const Object& object);
   void open(const session::CatalogueEntry& entry);

@@ -7,6 +7,12 @@
 namespace tactus::hrtc_service {
 namespace {
 
+/// Whether a base mesh has the digest of the catalogue entry, and the numbers on which its directory depends.
+bool is_same_model(const spm::ModelSummary& a, const spm::ModelSummary& b) noexcept {
+  return a.digest == b.digest && a.regions == b.regions && a.records == b.records && a.base_faces == b.base_faces &&
+         a.base_vertices == b.base_vertices;
+}
+
 constexpr double kMinDamping = 3e-3;  // s; min damping / stiffness of a body; docs/explanation/shared-objects.md
 
 }  // namespace
@@ -15,9 +21,7 @@ constexpr double kMinDamping = 3e-3;  // s; min damping / stiffness of a body; d
 /// these slots first. So an object is refused only if its base mesh does not fit besides the other base meshes.
 void Loader::on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes) {
   auto decoded = spm::codec::decode_base(std::span<const std::uint8_t>{bytes});
-  if (!decoded || decoded->mesh.summary.digest != object.info.digest ||
-      decoded->mesh.summary.regions != object.summary.regions ||
-      decoded->mesh.summary.records != object.summary.records) {
+  if (!decoded || !is_same_model(decoded->mesh.summary, object.summary)) {
     ++figures_.decode_errors;
     report_warning("object " + object.info.name +
                    ": base mesh refused: " + (decoded ? "it belongs to another model" : decoded.error().text));
@@ -48,7 +52,7 @@ bool Loader::reserve_base(Object& object, const spm::BaseMesh& base) {
   if (slots > slots_left || nodes + spm::AbTree::kMaxHeight > nodes_left) {
     if (!object.refused) {
       ++figures_.objects_refused;
-      directory_bytes_ -= spm::directory_bytes(object.summary, pool_);
+      release_directory(object);
       report_warning("object " + object.info.name + ": refused, its base mesh takes " + std::to_string(slots) +
                      " slots and " + std::to_string(nodes) + " tree nodes, the pool has " + std::to_string(slots_left) +
                      " and " + std::to_string(nodes_left) + " besides other base meshes; raise --memory or --pool");

@@ -51,7 +51,7 @@ void Loader::free_withdrawn(Object& object) {
                    departing_.end());
   base_slots_ -= object.base_slots;
   base_nodes_ -= object.base_nodes;
-  directory_bytes_ -= spm::directory_bytes(object.summary, pool_);
+  release_directory(object);
   by_index_[object.info.index] = nullptr;
   if (object.refused) {
     keep_refused(object);

@@ -30,8 +30,10 @@ void DeliveryClient::on_catalogue(const CatalogueEntry& entry) {
   const auto key = std::make_pair(entry.object_id, entry.origin.incarnation);
   if (entry.withdrawn) {
     host.offers.erase(key);
-  } else {
+  } else if (host.offers.size() < kMaxOffers || host.offers.count(key) != 0) {
     host.offers[key] = {entry.summary.digest, entry.summary.regions};
+  } else {
+    ++counters_.foreign;
   }
 }
 

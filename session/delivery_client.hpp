@@ -82,6 +82,8 @@ class DeliveryClient {
   /// `self`: session, participant (this HRTC) and incarnation of all demands.
   DeliveryClient(const Origin& self, const DeliverySettings& settings);
 
+  /// Max number of offers of one host: two starts with 1,024 objects, the limit of the topic.
+  static constexpr std::size_t kMaxOffers = 2048;
   /// Applies a catalogue entry: a host offers an object or withdraws it.
   void on_catalogue(const CatalogueEntry& entry);
   /// Reports a heartbeat of a host. A new incarnation begins new streams.
@@ -165,7 +167,7 @@ class DeliveryClient {
     std::uint64_t payload_bytes = 0;
     std::uint64_t messages = 0;
     std::uint64_t foreign = 0;       ///< chunks of an unknown stream, a host without the object, a future epoch or a
-                                     ///< region outside the model, and malformed chunks
+                                     ///< region outside the model, malformed chunks, and offers beyond kMaxOffers
     std::uint64_t implausible = 0;   ///< chunks with a sequence or sending time outside its window
     std::uint64_t stale = 0;         ///< pieces that are no longer needed, and messages that rely on released regions
     std::uint64_t corrupt = 0;       ///< messages with a wrong checksum

@@ -127,7 +127,10 @@ class WithdrawalTest : public testing::Test {
       const host_service::HostMessages& messages = host->core->tick(now_);
       if (messages.roster) membership_->on_roster(*messages.roster, now_);
       if (messages.catalogue)
-        for (const session::CatalogueEntry& entry : host->core->catalogue()) membership_->on_catalogue(entry);
+        for (session::CatalogueEntry entry : host->core->catalogue()) {
+          if (change_entry_) change_entry_(entry);
+          membership_->on_catalogue(entry);
+        }
       for (const session::ObjectGrant& grant : messages.grants) gateway.on_grant(grant, now_);
     }
     gateway.tick(now_, membership_->clock());
@@ -201,6 +204,7 @@ class WithdrawalTest : public testing::Test {
   std::vector<std::unique_ptr<Host>> hosts_;
   Servo::Inputs inputs_{};
   std::vector<Loader::ObjectInfo> removed_;
+  std::function<void(session::CatalogueEntry&)> change_entry_;
 };
 
 TEST_F(WithdrawalTest, TheForceFadesAndAllMemoryIsFreedWhenATouchedObjectIsWithdrawn) {
@@ -261,6 +265,19 @@ TEST_F(WithdrawalTest, AThousandOfferedAndWithdrawnObjectsLeaveNoMemoryInUse) {
   }
   EXPECT_EQ(removals, 1000u);
   EXPECT_THAT(indices, testing::Each(testing::Ge(15u))) << "all indices are used in turn";
+}
+
+TEST_F(WithdrawalTest, ABaseMeshThatTheCatalogueDoesNotDescribeLeavesNoMemoryInUse) {
+  const MemoryUse before = memory_use();
+  for (const std::uint32_t factor : {2u, 1000u}) {
+    change_entry_ = [factor](session::CatalogueEntry& entry) { entry.summary.base_faces *= factor; };
+    Host& host = add_host("host", "sphere " + std::to_string(factor), small_sphere(), {0, 0, 0});
+    move_tip(pressed_on({0, 0, 0}));
+    EXPECT_FALSE(run_until([&] { return touches(); }, 1000)) << factor;
+    leave(host);
+    EXPECT_TRUE(run_until([&] { return memory_use() == before; })) << factor;
+    hosts_.clear();
+  }
 }
 
 TEST_F(WithdrawalTest, AWithdrawalDuringRefinementFreesTheMemoryOfTheObject) {

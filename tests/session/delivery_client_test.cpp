@@ -743,6 +743,21 @@ TEST_F(DeliveryClientTest, AnImplausibleSendingTimeDoesNotChangeTheReportedDelay
   EXPECT_EQ(publish_after_change().one_way_us, 1000u);
 }
 
+// A host numbers its starts, so it could offer an object any number of times.
+TEST_F(DeliveryClientTest, TheOffersOfAHostAreLimited) {
+  CatalogueEntry entry = catalogue_entry(kOtherHost);
+  for (std::uint64_t incarnation = 6; incarnation < 10'000; ++incarnation) {
+    entry.origin.incarnation = incarnation;
+    client_.on_catalogue(entry);
+  }
+  EXPECT_LE(client_.sizes().offers, DeliveryClient::kMaxOffers + 1);
+  EXPECT_TRUE(client_.is_offered(kObject, kDigest));
+  CatalogueEntry other = catalogue_entry(kHost);
+  other.object_id = kObject + 1;
+  client_.on_catalogue(other);
+  EXPECT_TRUE(client_.is_offered(kObject + 1, kDigest)) << "another host";
+}
+
 TEST_F(DeliveryClientTest, AHostThatIsAbsentForLongIsDroppedWithItsStreams) {
   const DeliveryClient::Sizes before = client_.sizes();
   for (std::uint64_t host = 1000; host < 1100; ++host) {
