@@ -48,8 +48,7 @@ class Guarded : public LibraryType<Support> {
  public:
   using Type = typename Support::type;
 
-  explicit Guarded(TrafficClass traffic)
-      : has_one_instance_{traffic == TrafficClass::kProbe || std::is_same_v<Type, idl::RosterEntry>} {}
+  explicit Guarded(bool has_one_instance) : has_one_instance_{has_one_instance} {}
 
   bool decode(rtps::SerializedPayload_t& payload, void* sample) override {
     try {

@@ -17,8 +17,8 @@ namespace {
 
 template <class Sample>
 dds::Topic& topic_of(Participants& participants, const TopicSpec<Sample>& spec) {
-  return participants.impl().topic(spec.name, spec.traffic,
-                                   dds::TypeSupport{new Guarded<typename IdlOf<Sample>::Support>{spec.traffic}});
+  return participants.impl().topic(
+      spec.name, spec.traffic, dds::TypeSupport{new Guarded<typename IdlOf<Sample>::Support>{has_one_instance(spec)}});
 }
 
 template <class Qos, class Default>

@@ -418,10 +418,9 @@ void Members::on_authentication(const GuidPrefix& participant, bool succeeded) {
   const auto known = participants_.find(participant);
   const std::string stated = known == participants_.end() ? "" : certificates_.at(known->second.certificate).subject;
   if (succeeded && known != participants_.end()) {
-    Participant& participant = known->second;
-    std::erase_if(participant.ids,
-                  [&](std::uint64_t id) { return is_id_of_another(id, participant.certificate); });
-    participant.is_proved = true;
+    Participant& proved = known->second;
+    std::erase_if(proved.ids, [&](std::uint64_t id) { return is_id_of_another(id, proved.certificate); });
+    proved.is_proved = true;
     audit_.add({"joined", stated, "", ""});
   } else {
     audit_.add({"not authenticated", "", "", stated.empty() ? "" : "states to be " + stated});

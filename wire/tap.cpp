@@ -30,7 +30,7 @@ template <class Support>
 class Raw final : public ReadOnlyType<Guarded<Support>, RawSample<typename Support::type>> {
  public:
   using Sample = RawSample<typename Support::type>;
-  explicit Raw(TrafficClass traffic) : ReadOnlyType<Guarded<Support>, Sample>{traffic} {}
+  explicit Raw(bool has_one_instance) : ReadOnlyType<Guarded<Support>, Sample>{has_one_instance} {}
 
   bool decode(rtps::SerializedPayload_t& payload, void* data) override {
     Sample& sample = *static_cast<Sample*>(data);
@@ -126,7 +126,7 @@ std::optional<AnySample> decode(const std::string& topic, std::span<const std::u
     payload.data = bytes.data();
     payload.length = payload.max_size = static_cast<std::uint32_t>(bytes.size());
     typename Support::type from;
-    const bool is_valid = Guarded<Support>{spec.traffic}.decode(payload, &from);
+    const bool is_valid = Guarded<Support>{has_one_instance(spec)}.decode(payload, &from);
     payload.data = nullptr;  // it is not the payload's, which would free it
     if (!is_valid) return;
     Sample sample;
@@ -144,7 +144,7 @@ struct Tap::Impl {
       if (!is_selected(spec.name, spec.traffic)) return;
       using Sample = std::decay_t<decltype(sample_of(spec))>;
       using Support = typename IdlOf<Sample>::Support;
-      dds::Topic& topic = in.topic(spec.name, spec.traffic, dds::TypeSupport{new Raw<Support>{spec.traffic}});
+      dds::Topic& topic = in.topic(spec.name, spec.traffic, dds::TypeSupport{new Raw<Support>{has_one_instance(spec)}});
       // Full-rate probe states and copies of objects use the partitions of groups, with profiles of their own.
       const std::string profile = spec.profile;
       const bool is_group_topic =

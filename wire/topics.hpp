@@ -26,6 +26,12 @@ inline constexpr bool kIsSentOnce = std::is_same_v<Sample, session::CatalogueEnt
                                     std::is_same_v<Sample, session::Control> ||
                                     std::is_same_v<Sample, session::SessionEnd>;
 
+/// Whether all samples of a topic are of one DDS instance, see Guarded in dds.hpp.
+template <class Sample>
+[[nodiscard]] constexpr bool has_one_instance(const TopicSpec<Sample>& topic) noexcept {
+  return topic.traffic == TrafficClass::kProbe || std::is_same_v<Sample, session::RosterEntry>;
+}
+
 namespace topics {
 
 inline constexpr TopicSpec<session::RosterEntry> kRoster{"tactus_roster", TrafficClass::kSession, "roster", 500};

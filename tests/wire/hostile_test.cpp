@@ -227,7 +227,7 @@ template <class Sample>
 void expect_survival_of_changes() {
   const Participants participants{address(unique_session("changed"), "x")};
   const std::string valid = encoding(full_sample<Sample>(participants));
-  Guarded<typename IdlOf<Sample>::Support> type{TrafficClass::kProbe};
+  Guarded<typename IdlOf<Sample>::Support> type{true};
   typename IdlOf<Sample>::Type decoded;
   Sample sample;
   constexpr std::uint32_t kEncapsulation = 4, kAttempts = 5000;
