@@ -85,6 +85,8 @@ class DdsAttacker {
     writer.durability().kind = dds::TRANSIENT_LOCAL_DURABILITY_QOS;
     writer.publish_mode().kind = dds::ASYNCHRONOUS_PUBLISH_MODE;
     writer.endpoint().history_memory_policy = rtps::DYNAMIC_RESERVE_MEMORY_MODE;
+    writer.resource_limits().max_samples = writer.resource_limits().max_instances = 1000;
+    writer.resource_limits().max_samples_per_instance = 1;
     writer_ = participant_->create_publisher(publisher)->create_datawriter(
         participant_->create_topic(topic.name, type.get_type_name(), dds::TOPIC_QOS_DEFAULT), writer);
   }
@@ -163,6 +165,26 @@ TEST(Hostile, SamplesOfAnotherSessionAreCountedAsForeign) {
 
   EXPECT_TRUE(eventually([&] { return victim.reader.counts().foreign > 0; }));
   EXPECT_EQ(victim.reader.counts().received, 0u);
+}
+
+// DDS stores an instance for each key, and frees none while their writer lives.
+TEST(Hostile, EntriesOfManyProgramsDoNotHideALaterOne) {
+  constexpr std::uint64_t kPrograms = 600;
+  Victim<ses::RosterEntry> victim{topics::kRoster};
+  DdsAttacker intruder{victim.participants, topics::kRoster, generated<ses::RosterEntry>()};
+  idl::RosterEntry sample;
+  to_idl(full_sample<ses::RosterEntry>(victim.friendly), sample);
+  sample.stamp().session(ses::id_of("elsewhere"));
+  ASSERT_TRUE(eventually([&] { return victim.reader.matched() == 1; }));
+  std::uint64_t program = 0;
+  EXPECT_TRUE(eventually([&] {  // some are lost
+    if (program < kPrograms) sample.participant(++program);
+    intruder.send(&sample);
+    return program == kPrograms && victim.reader.counts().foreign > kPrograms / 2;
+  }));
+
+  Writer<ses::RosterEntry> writer{victim.friendly, topics::kRoster};
+  EXPECT_TRUE(send_until_received(writer, victim.inbox, full_sample<ses::RosterEntry>(victim.friendly)).has_value());
 }
 
 /// The encoding of a valid sample, for tests to damage.
