@@ -22,7 +22,7 @@ OwnershipClient::OwnershipClient(const session::Origin& self, SharedMailbox<Gran
 void OwnershipClient::add(std::uint32_t object_index, std::uint64_t object_id, const sharing::SharedBody& body) {
   TACTUS_CHECK(objects_.size() < kMaxBodies);
   objects_.push_back(std::make_unique<Object>(Object{
-      object_index, object_id, body, session::Claimant{self_, object_id, settings_}, {}, {}, {}, 0, 0, {}, 0, 0}));
+      object_index, object_id, body, session::Claimant{self_, object_id, settings_}, {}, {}, {}, {}, 0, 0, {}, 0, 0}));
   bodies_.push_back({object_index, object_id, false, sharing::pose_of(body.start, body.centre)});
 }
 
