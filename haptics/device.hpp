@@ -104,6 +104,7 @@ class DeviceFrame {
     return world;
   }
 
+  [[nodiscard]] double scale() const noexcept { return scale_; }
   /// Converts a world force to the device's frame. Zero while the clutch is down, because the hand is not at the tip.
   [[nodiscard]] Vec3d force_to_device(const Vec3d& force_world) const noexcept {
     if (clutched_) return Vec3d::Zero();

@@ -27,7 +27,7 @@ HapticThread::HapticThread(const HapticSettings& settings, Servo& servo, ServoLi
       traces_{link.traces},
       governor_{settings.deadline_ns},
       overload_{settings.period_ns()},
-      devices_{link.devices, local, settings.frame} {}
+      devices_{link.devices, local, settings.frame, settings.limits} {}
 
 HapticThread::~HapticThread() { stop(); }
 

@@ -29,6 +29,7 @@ struct HapticSettings {
   std::int64_t deadline_ns = 250'000;  ///< max time of a cycle's own work
   int priority = 60;                   ///< of SCHED_FIFO; 0: ordinary scheduling
   haptics::DeviceFrame frame;          ///< of the devices at this machine
+  HandLimits limits;                   ///< of the devices at this machine
 
   [[nodiscard]] std::int64_t period_ns() const noexcept { return std::llround(period * 1e9); }
 };

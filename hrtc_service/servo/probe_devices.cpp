@@ -1,7 +1,9 @@
 #include "hrtc_service/servo/probe_devices.hpp"
 
+#include <algorithm>
 #include <utility>
 
+#include "haptics/force.hpp"
 #include "hrtc_service/servo/shared_check.hpp"
 
 namespace tactus::hrtc_service {
@@ -16,8 +18,11 @@ std::array<Probe, sizeof...(kNumbers)> make_probes(DeviceLink& link, const Local
 
 }  // namespace
 
-ProbeDevices::ProbeDevices(DeviceLink& link, const LocalDevices& local, const haptics::DeviceFrame& frame)
-    : orders_{link.orders}, probes_{make_probes<Probe>(link, local, frame, std::make_index_sequence<kMaxProbes>{})} {}
+ProbeDevices::ProbeDevices(DeviceLink& link, const LocalDevices& local, const haptics::DeviceFrame& frame,
+                           const HandLimits& limits)
+    : limits_{limits},
+      orders_{link.orders},
+      probes_{make_probes<Probe>(link, local, frame, std::make_index_sequence<kMaxProbes>{})} {}
 
 /// Begins with a new device if the order is for another user or source. No memory is allocated.
 void ProbeDevices::obey(Probe& probe, const ProbeOrder& order) noexcept {
@@ -50,6 +55,18 @@ void ProbeDevices::take_pose(Probe& probe, std::int64_t now_ns) noexcept {
   probe.has_pose = true;
 }
 
+void ProbeDevices::read_local(Probe& probe, std::int64_t now_ns, ProbeInput& input) const noexcept {
+  const haptics::DeviceState device = probe.local->read(now_ns);
+  // In the world, a device of a small scale is slow.
+  const bool is_too_fast =
+      probe.frame.scale() < 1 && !probe.written.isZero(0) && device.velocity.norm() > limits_.max_speed;
+  input.failed = is_too_fast || probe.local->health() == haptics::DeviceHealth::kFailed;
+  input.pose_age = static_cast<double>(now_ns - device.time_ns) * 1e-9;
+  const bool is_clutched = (device.buttons & haptics::kClutchButton) != 0;
+  probe.strength = is_clutched ? 0 : std::min(1.0, probe.strength + limits_.period / limits_.rise_time);
+  input.device = probe.frame.to_world(device, is_clutched);
+}
+
 void ProbeDevices::read(std::int64_t now_ns, std::array<ProbeInput, kMaxProbes>& inputs) noexcept {
   const ProbeOrders& orders = orders_.latest();
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
@@ -58,20 +75,27 @@ void ProbeDevices::read(std::int64_t now_ns, std::array<ProbeInput, kMaxProbes>&
     input.active = true;
     input.failed = false;
     if (probe.local != nullptr) {
-      input.device = probe.local->read(now_ns);
-      input.failed = probe.local->health() == haptics::DeviceHealth::kFailed;
-    } else {
-      obey(probe, orders[i]);
-      take_path(probe);
-      take_pose(probe, now_ns);
-      input.active = probe.hand || (probe.order.source == PoseSource::kRemote && probe.has_pose);
-      if (!input.active) continue;
-      input.device = probe.hand ? probe.hand->read(now_ns) : probe.pose;
+      read_local(probe, now_ns, input);
+      continue;
     }
+    obey(probe, orders[i]);
+    take_path(probe);
+    take_pose(probe, now_ns);
+    input.active = probe.hand || (probe.order.source == PoseSource::kRemote && probe.has_pose);
+    if (!input.active) continue;
+    input.device = probe.hand ? probe.hand->read(now_ns) : probe.pose;
     input.pose_age = static_cast<double>(now_ns - input.device.time_ns) * 1e-9;
-    if (probe.local != nullptr)
-      input.device = probe.frame.to_world(input.device, (input.device.buttons & haptics::kClutchButton) != 0);
   }
+}
+
+/// The force is zero while the clutch is down, and its part in the world may be at its limits when the clutch is released.
+void ProbeDevices::write_local(Probe& probe, const Vec3d& force, const Vec3d& torque) const noexcept {
+  Vec3d at_hand = probe.strength * probe.frame.force_to_device(force);
+  if (const double size = at_hand.norm(); size > limits_.max_force) at_hand *= limits_.max_force / size;
+  if (probe.frame.scale() > 1 && !at_hand.isZero(0))
+    at_hand = haptics::slewed(at_hand, probe.written, limits_.max_slew * limits_.period);
+  probe.written = at_hand;
+  probe.local->write_wrench(at_hand, probe.strength * probe.frame.torque_to_device(torque));
 }
 
 void ProbeDevices::write(const std::array<ProbeOutput, kMaxProbes>& outputs) noexcept {
@@ -79,7 +103,7 @@ void ProbeDevices::write(const std::array<ProbeOutput, kMaxProbes>& outputs) noe
     Probe& probe = probes_[i];
     const Vec3d force = vec(outputs[i].force), torque = vec(outputs[i].torque);
     if (probe.local != nullptr)
-      probe.local->write_wrench(probe.frame.force_to_device(force), probe.frame.torque_to_device(torque));
+      write_local(probe, force, torque);
     else if (probe.hand)
       probe.hand->write_wrench(force, torque);
   }

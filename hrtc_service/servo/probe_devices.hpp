@@ -24,10 +24,21 @@ namespace tactus::hrtc_service {
 /// Devices at this machine, by probe. Null: the probe has none.
 using LocalDevices = std::array<haptics::Device*, kMaxProbes>;
 
+/// Limits of the forces that are written to devices at this machine. The limits of haptics/force.hpp are for forces in
+/// the world, which the frame of the devices multiplies by its scale.
+struct HandLimits {
+  double max_force = 8;    ///< N, in the device's frame
+  double max_slew = 5000;  ///< N/s, in the device's frame
+  double max_speed = 1.5;  ///< m/s, of the device while a force acts; a faster device has failed
+  double rise_time = 0.1;  ///< s, from zero to full strength after the clutch
+  double period = 0.001;   ///< s, of cycles
+};
+
 class ProbeDevices {
  public:
-  /// `frame`: frame of the devices at this machine. `link` and the devices must outlive this object.
-  ProbeDevices(DeviceLink& link, const LocalDevices& local, const haptics::DeviceFrame& frame);
+  /// `frame` and `limits` are for the devices at this machine. `link` and the devices must outlive this object.
+  ProbeDevices(DeviceLink& link, const LocalDevices& local, const haptics::DeviceFrame& frame,
+               const HandLimits& limits = {});
 
   /// Obeys new orders, and sets the state of each probe's device in `inputs`.
   void read(std::int64_t now_ns, std::array<ProbeInput, kMaxProbes>& inputs) noexcept;
@@ -44,8 +55,10 @@ class ProbeDevices {
         : local{local_device}, frame{local_frame}, paths{link.paths[number]}, poses{link.poses[number]} {}
 
     haptics::Device* local;
-    haptics::DeviceFrame frame;  // of `local`
-    ProbeOrder order;            // in force
+    haptics::DeviceFrame frame;     // of `local`
+    double strength = 1;            // share of the force that `local` gets: below 1 after the clutch
+    Vec3d written = Vec3d::Zero();  // N, force that `local` has got
+    ProbeOrder order;               // in force
     std::optional<haptics::SimulatedDevice> hand;
     MailboxReader<UserPath> paths;
     MailboxReader<UserPose> poses;
@@ -57,7 +70,10 @@ class ProbeDevices {
   void obey(Probe& probe, const ProbeOrder& order) noexcept;
   void take_path(Probe& probe) noexcept;
   void take_pose(Probe& probe, std::int64_t now_ns) noexcept;
+  void read_local(Probe& probe, std::int64_t now_ns, ProbeInput& input) const noexcept;
+  void write_local(Probe& probe, const Vec3d& force, const Vec3d& torque) const noexcept;
 
+  HandLimits limits_;
   MailboxReader<ProbeOrders> orders_;
   std::array<Probe, kMaxProbes> probes_;
 };

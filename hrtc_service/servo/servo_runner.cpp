@@ -17,10 +17,13 @@ constexpr std::int64_t kMinSnapshotNs = 1'000'000'000;  // between two snapshots
 std::array<haptics::DeviceSpec, kMaxProbes> specs_of(const ServoOptions& options) {
   std::array<haptics::DeviceSpec, kMaxProbes> specs;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i)
-    if (options.local[i] != nullptr)
-      specs[i] = options.haptic.frame.to_world(options.local[i]->spec());
-    else if (options.servo.cycle.tool != nullptr)  // a client itself limits the torque to that of its device
+    if (options.local[i] != nullptr) {
+      haptics::DeviceSpec spec = options.local[i]->spec();
+      spec.max_force = std::min(spec.max_force, options.servo.cycle.force.max_force);
+      specs[i] = options.haptic.frame.to_world(spec);
+    } else if (options.servo.cycle.tool != nullptr) {  // a client itself limits the torque to that of its device
       specs[i].max_torque = options.servo.cycle.force.max_torque;
+    }
   return specs;
 }
 
@@ -38,15 +41,18 @@ ServoSettings servo_settings(const ServoOptions& options, FlightSaver* flight) {
   return settings;
 }
 
-ServoOptions with_one_period(ServoOptions options) {
+/// Copies the settings that cycle and haptic thread share.
+ServoOptions with_shared_settings(ServoOptions options) {
+  const haptics::ForceSettings& force = options.servo.cycle.force;
   options.haptic.period = options.servo.cycle.period;
+  options.haptic.limits = {force.max_force, force.max_slew, force.max_speed, force.recovery, options.haptic.period};
   return options;
 }
 
 }  // namespace
 
 ServoRunner::ServoRunner(const ServoOptions& options, ServoLink& link, ContactQuery::LogRing* log)
-    : options_{with_one_period(options)},
+    : options_{with_shared_settings(options)},
       flight_{flight_saver(options)},
       intake_{options.pool, link.intake, options.directory_bytes},
       body_intake_{intake_.objects(), link.bodies},

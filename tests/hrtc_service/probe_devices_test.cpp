@@ -59,6 +59,89 @@ TEST_F(ProbeDevicesTest, AProbeWithALocalDeviceAlwaysHasIt) {
   for (std::uint32_t i = 1; i < kMaxProbes; ++i) EXPECT_FALSE(inputs_[i].active);
 }
 
+/// A device at this machine, whose state a test sets.
+class LocalDevice final : public haptics::Device {
+ public:
+  [[nodiscard]] const haptics::DeviceSpec& spec() const noexcept override { return spec_; }
+  [[nodiscard]] haptics::DeviceState read(std::int64_t now_ns) noexcept override {
+    state.time_ns = now_ns;
+    return state;
+  }
+  void write(const Vec3d& force) noexcept override { written = force; }
+  [[nodiscard]] haptics::DeviceHealth health() const noexcept override { return haptics::DeviceHealth::kReady; }
+
+  haptics::DeviceState state;
+  Vec3d written = Vec3d::Zero();
+
+ private:
+  haptics::DeviceSpec spec_;
+};
+
+/// A device at this machine on which a force in the world acts.
+class LocalDeviceTest : public testing::TestWithParam<double> {
+ protected:
+  void step(double force) {
+    outputs_[0].force = {force, 0, 0};
+    devices_.read(now_ns_ += kPeriodNs, inputs_);
+    devices_.write(outputs_);
+    max_change_ = std::max(max_change_, (device_.written - before_).norm());
+    before_ = device_.written;
+  }
+
+  std::int64_t now_ns_ = 1'000'000'000;
+  DeviceLink link_;
+  LocalDevice device_;
+  const HandLimits limits_;
+  ProbeDevices devices_{
+      link_, {&device_}, haptics::DeviceFrame{Eigen::Quaterniond::Identity(), Vec3d::Zero(), GetParam()}, limits_};
+  std::array<ProbeInput, kMaxProbes> inputs_;
+  std::array<ProbeOutput, kMaxProbes> outputs_{};
+  Vec3d before_ = Vec3d::Zero();
+  double max_change_ = 0;
+};
+
+TEST_P(LocalDeviceTest, TheForceRisesWithinATenthOfASecondAfterTheClutch) {
+  const double force = limits_.max_force / GetParam();
+  for (int cycle = 0; cycle < 10; ++cycle) step(force);
+  ASSERT_NEAR(device_.written.x(), limits_.max_force, 1e-9);
+  device_.state.buttons = haptics::kClutchButton;
+  for (int cycle = 0; cycle < 10; ++cycle) step(force);
+  EXPECT_EQ(device_.written.norm(), 0);
+  device_.state.buttons = 0;
+  max_change_ = 0;
+  for (int cycle = 0; cycle < 50; ++cycle) step(force);
+  EXPECT_NEAR(device_.written.x(), limits_.max_force / 2, 0.1);
+  for (int cycle = 0; cycle < 60; ++cycle) step(force);
+  EXPECT_NEAR(device_.written.x(), limits_.max_force, 1e-9);
+  EXPECT_LT(max_change_, 0.1);
+}
+
+TEST_P(LocalDeviceTest, TheForceAtTheHandHasTheLimitsOfTheHrtc) {
+  const double sign[] = {1, 1, 1, -1, -1, -1};
+  for (int cycle = 0; cycle < 60; ++cycle) {
+    step(5 * sign[cycle / 2 % 6] * (1 + cycle % 2));  // N, changes by at most 15 N in the world
+    ASSERT_LE(device_.written.norm(), limits_.max_force + 1e-9);
+  }
+  if (GetParam() > 1) {
+    EXPECT_LE(max_change_, limits_.max_slew * limits_.period + 1e-9);
+  }
+  step(0);
+  EXPECT_EQ(device_.written.norm(), 0) << "a fault ends the force at once";
+}
+
+// With a larger scale, the renderer sees the speed in the world.
+TEST_P(LocalDeviceTest, ADeviceOfASmallScaleThatIsFasterThanAHandHasFailedWhileAForceActs) {
+  device_.state.velocity = {2 * limits_.max_speed, 0, 0};
+  step(0);
+  step(0);
+  EXPECT_FALSE(inputs_[0].failed);
+  step(1);
+  step(1);
+  EXPECT_EQ(inputs_[0].failed, GetParam() < 1);
+}
+
+INSTANTIATE_TEST_SUITE_P(Scales, LocalDeviceTest, testing::Values(0.1, 1, 3));
+
 TEST_F(ProbeDevicesTest, AHandFollowsItsPathAndFeelsTheForce) {
   order({.source = PoseSource::kHand, .user = 1, .start = {0.1, 0, 0}});
   read();
