@@ -52,6 +52,12 @@ Wrench wrench_of(const Hold& hold, const ToolGrip& grip, double damping, const D
               grip.angular_damping * (hold.angular_velocity - angular_velocity)};
 }
 
+ContactImpedance ForceRenderer::with_stable_damping(const ContactImpedance& impedance, double dt,
+                                                    double round_trip) noexcept {
+  constexpr double kDeviceMass = 0.1;  // kg, less than that of a device with a hand
+  return {impedance.stiffness, std::min(impedance.damping, stable_damping(kDeviceMass, dt, round_trip))};
+}
+
 double ForceRenderer::stiffness(const ContactImpedance& impedance, double dt, double round_trip) const noexcept {
   return std::min(
       {impedance.stiffness, spec_.max_stiffness, stable_stiffness(spec_.damping, impedance.damping, dt, round_trip)});

@@ -111,6 +111,14 @@ struct ForceResult {
   return (device_damping + damping) / (cycle / 2 + round_trip);
 }
 
+/// The maximum damping that is stable on a device with the mass m: m / (T / 2 + td + tv), with the cycle T, the loop delay
+/// td, and the delay tv of a device's velocity, all in SI units. A sampled damper is unstable above 2 m / T, a delayed
+/// one above pi / 2 * m / td.
+[[nodiscard]] constexpr double stable_damping(double device_mass, double cycle, double round_trip) noexcept {
+  constexpr double kVelocityDelay = 0.002;  // s
+  return device_mass / (cycle / 2 + round_trip + kVelocityDelay);
+}
+
 /// Returns `wanted`, or the closest vector to it whose difference from `before` has at most the length `max_change`.
 [[nodiscard]] Vec3d slewed(const Vec3d& wanted, const Vec3d& before, double max_change) noexcept;
 
@@ -118,6 +126,11 @@ class ForceRenderer {
  public:
   /// `spec` in world units (DeviceFrame::to_world).
   ForceRenderer(const ForceSettings& settings, const DeviceSpec& spec) noexcept : settings_{settings}, spec_{spec} {}
+
+  /// The impedance of a material with a damping that is stable on a device of 0.1 kg, at cycles of `dt` seconds and with
+  /// DeviceState::round_trip. All functions below expect such an impedance.
+  [[nodiscard]] static ContactImpedance with_stable_damping(const ContactImpedance& impedance, double dt,
+                                                            double round_trip = 0) noexcept;
 
   /// The stiffness of a material after the limit for this device, N/m, at cycles of `dt` seconds and with
   /// DeviceState::round_trip. The proxy's grip needs the same value.

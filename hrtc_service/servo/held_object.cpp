@@ -16,7 +16,7 @@ void HeldObject::follow_object(const ProbeStep& step, const TouchObject& object,
   held_.hold.pose = {now.to_world(point), (turn * quaternion(grasp_.orientation)).normalized()};
   held_.hold.velocity = (held_.hold.pose.position - before.to_world(point)) / step.period;
   held_.hold.angular_velocity = haptics::log_map(turn * turn_before.conjugate()) / step.period;
-  held_.impedance = {object.material.stiffness, object.material.damping};
+  held_.impedance = step.stable(object.material);
   held_.grip = step.renderer.hold_grip(held_.impedance, step.period, step.input.device.round_trip);
 }
 
@@ -44,7 +44,9 @@ void HeldObject::hold_if_closed(const ProbeStep& step, const Vec3d& point, const
                                 bool can_move) noexcept {
   const haptics::DeviceState& device = step.input.device;
   if ((device.buttons & haptics::kGrabButton) == 0) return;
-  if (grasp_.must_open || (step.output.status & session::kFault) != 0 || !can_move) {
+  const bool has_fault = (step.output.status & session::kFault) != 0;
+  if (grasp_.must_open || has_fault || !can_move) {
+    if (has_fault) grasp_.must_open = true;  // a reset must not begin a grasp
     step.output.status |= session::kHoldRefused;
     return;
   }

@@ -79,6 +79,11 @@ struct ProbeStep {
   /// Returns the material of the object, or of any object near the probe if that object is not near. Returns null if no
   /// object is near.
   [[nodiscard]] const session::Material* material(std::uint32_t object) const noexcept;
+  /// Returns the impedance of a material, with a damping that is stable on the device of the probe.
+  [[nodiscard]] haptics::ContactImpedance stable(const session::Material& material) const noexcept {
+    return haptics::ForceRenderer::with_stable_damping({material.stiffness, material.damping}, period,
+                                                       input.device.round_trip);
+  }
   /// If a mesh within these spheres is not the finest, clears session::kExact of the output and raises its error bound.
   void mark_coarse(std::span<const TouchSphere> spheres) const noexcept;
 };

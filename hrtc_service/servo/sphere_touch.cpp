@@ -13,7 +13,7 @@ haptics::ContactImpedance SphereTouch::apply_material(const ProbeStep& step) noe
   const session::Material* const material = step.material(proxy_.last().object);
   if (material == nullptr) return {};
   proxy_.set_grip({material->static_friction, material->dynamic_friction});
-  return {material->stiffness, material->damping};
+  return step.stable(*material);
 }
 
 void SphereTouch::move_to(const ProbeStep& step, const haptics::ToolPose&) noexcept {

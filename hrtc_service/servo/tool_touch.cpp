@@ -52,8 +52,7 @@ void ToolTouch::move_to(const ProbeStep& step, const haptics::ToolPose& goal) no
 /// Returns the impedance of the touched object.
 haptics::ContactImpedance ToolTouch::impedance_of(const ProbeStep& step) const noexcept {
   const session::Material* const material = step.material(tool_.last().object);
-  return material != nullptr ? haptics::ContactImpedance{material->stiffness, material->damping}
-                             : haptics::ContactImpedance{};
+  return material != nullptr ? step.stable(*material) : haptics::ContactImpedance{};
 }
 
 const haptics::ForceResult& ToolTouch::render(const ProbeStep& step) noexcept {

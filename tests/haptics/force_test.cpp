@@ -188,6 +188,22 @@ TEST(Force, CutsAStiffnessThatTheDeviceCannotRenderStably) {
   EXPECT_NEAR(stable_stiffness(5, 0, 1e-3, 0.020), 244, 0.5);  // from Hulin's rule for a delay of 20 ms
 }
 
+TEST(Force, TheDampingOfAMaterialIsLimitedToAStableOne) {
+  constexpr double kMass = 0.1;  // kg, of the lightest device
+  for (const double round_trip : {0.0, 0.01, 0.2}) {
+    const ContactImpedance limited = ForceRenderer::with_stable_damping({5000, 1000}, kCycle, round_trip);
+    EXPECT_EQ(limited.stiffness, 5000);
+    EXPECT_LT(limited.damping, 2 * kMass / kCycle) << "as a sampled damper";
+    EXPECT_LT(limited.damping * round_trip, EIGEN_PI / 2 * kMass) << "as a delayed damper";
+  }
+  constexpr double kDelay = 0.2;  // s
+  const ContactImpedance limited = ForceRenderer::with_stable_damping({5000, 1000}, kCycle, kDelay);
+  const ForceRenderer renderer{ForceSettings{}, DeviceSpec{}};
+  EXPECT_LT(renderer.stiffness(limited, kCycle, kDelay), 20) << "the damping permits no stiff spring";
+  for (const double damping : {0.0, 1.0, 3.0})
+    EXPECT_EQ(ForceRenderer::with_stable_damping({1000, damping}, kCycle, 0.02).damping, damping) << "usual materials";
+}
+
 TEST(Force, MarksTheRampOfASurfaceThatMoved) {
   ForceRenderer renderer{settings_without_ramps(), DeviceSpec{}};
   const ProxyResult upper = floor_contact(0.001), lower = floor_contact(0.0009);
