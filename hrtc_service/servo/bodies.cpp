@@ -194,20 +194,38 @@ double Bodies::rest_length(const Cycle& cycle, std::uint32_t probe, const haptic
   return spring_limiters_[probe].step(cycle.renderer(probe).strength(), spring, length, energy);
 }
 
+haptics::ContactImpedance Bodies::stable_impedance(const session::Material& material,
+                                                   const haptics::DeviceState& device) const noexcept {
+  return haptics::ForceRenderer::with_stable_damping({material.stiffness, material.damping}, settings_.period,
+                                                     device.round_trip);
+}
+
 /// A stale pose and a fault make a force zero at once.
 Vec3d Bodies::slewed(const Vec3d& wanted, const Vec3d& felt, double max_slew, ProbeOutput& output) const noexcept {
+  constexpr double kRounding = 1 + 1e-9;  // the renderer has limited its force in the same way
+  const double max_change = max_slew * settings_.period;
+  if (wanted.isZero(0) || (wanted - felt).norm() <= max_change * kRounding) return wanted;
+  output.status |= session::kForceRamped;
+  return haptics::slewed(wanted, felt, max_change);
+}
+
+/// Limits what the passivity controller adds to a force or torque. It may reduce it at once, but its damping may not
+/// change it faster than other forces, and does not act where no force is wanted.
+Vec3d Bodies::damped(const Vec3d& allowed, const Vec3d& wanted, const Vec3d& felt, double max_slew) const noexcept {
   if (wanted.isZero(0)) return wanted;
-  const Vec3d limited = haptics::slewed(wanted, felt, max_slew * settings_.period);
-  if (limited != wanted) output.status |= session::kForceRamped;
-  return limited;
+  const Vec3d limited = haptics::slewed(allowed, felt, max_slew * settings_.period);
+  if (limited.squaredNorm() >= allowed.squaredNorm()) return allowed;
+  return limited.dot(allowed) > 0 ? limited : Vec3d(Vec3d::Zero());
 }
 
 Vec3d Bodies::limit_force(const Cycle& cycle, std::uint32_t probe, const Vec3d& force,
                           const haptics::DeviceState& device, double energy_to_body, double stored,
                           ProbeOutput& output) noexcept {
   const Vec3d limited = clamp_factor(force.norm(), cycle.renderer(probe).max_force()) * force;
-  const Vec3d wanted = slewed(limited, felt_[probe].force, settings_.force.max_slew, output);
+  const double max_slew = settings_.force.max_slew;
+  const Vec3d wanted = slewed(limited, felt_[probe].force, max_slew, output);
   Vec3d allowed = ports_[probe].step(wanted, device.position, energy_to_body, settings_.period, true, stored);
+  allowed = damped(allowed, wanted, felt_[probe].force, max_slew);
   allowed *= clamp_factor(allowed.norm(), cycle.renderer(probe).max_force());
   if ((output.status & session::kFault) != 0) allowed.setZero();
   ports_[probe].limited(allowed);
@@ -219,8 +237,10 @@ Vec3d Bodies::limit_torque(const Cycle& cycle, std::uint32_t probe, const Vec3d&
   RotationalPort& rotational = rotational_ports_[probe];
   const double energy_to_body = std::exchange(rotational.energy_to_body, 0);
   const Vec3d limited = clamp_factor(torque.norm(), cycle.renderer(probe).max_torque()) * torque;
-  const Vec3d wanted = slewed(limited, felt_[probe].torque, settings_.force.max_torque_slew, output);
+  const double max_slew = settings_.force.max_torque_slew;
+  const Vec3d wanted = slewed(limited, felt_[probe].torque, max_slew, output);
   Vec3d allowed = rotational.port.step(wanted, rotational.angle, energy_to_body, settings_.period, control, stored);
+  allowed = damped(allowed, wanted, felt_[probe].torque, max_slew);
   allowed *= clamp_factor(allowed.norm(), cycle.renderer(probe).max_torque());
   if ((output.status & session::kFault) != 0) allowed.setZero();
   rotational.port.limited(allowed);
@@ -236,7 +256,7 @@ void Bodies::limit_touch(const Cycle& cycle, std::uint32_t p, const haptics::Dev
   const haptics::ProxyResult& touch = cycle.proxy(p).last();
   const haptics::ForceRenderer& renderer = cycle.renderer(p);
   const double stiffness = output.stiffness;
-  const double damping = object.material.damping;
+  const double damping = stable_impedance(object.material, device).damping;
   const Vec3d relative = device.velocity - touch.surface_velocity;
   const Vec3d stretch = touch.anchor - device.position;
   const haptics::LimitedSpring spring{stiffness, renderer.max_force()};
@@ -267,7 +287,8 @@ void Bodies::limit_tool(const Cycle& cycle, std::uint32_t p, const haptics::Devi
   const Body& body = bodies_[hand.body];
   const haptics::ToolResult& tool = cycle.tool(p)->last();
   const haptics::ForceRenderer& renderer = cycle.renderer(p);
-  const double stiffness = output.stiffness, damping = body.object->material.damping;
+  const haptics::ContactImpedance impedance = stable_impedance(body.object->material, device);
+  const double stiffness = output.stiffness, damping = impedance.damping;
   const Vec3d relative = device.velocity - body.state_in_cycle.velocity_at(tool.point);
   const haptics::LimitedSpring spring{stiffness, renderer.max_force()};
   const double length = tool.displacement.norm();
@@ -282,13 +303,12 @@ void Bodies::limit_tool(const Cycle& cycle, std::uint32_t p, const haptics::Devi
   Vec3d force = with_rest_length(vec(output.force), pushed(stiffness * tool.displacement), wanted, renderer.strength(),
                                  renderer.max_force());
   const double factor = rest_factor(spring, length, rest);
-  output.torque = plain(Vec3d(factor * vec(output.torque)));
+  output.torque = plain(slewed(factor * vec(output.torque), felt_[p].torque, settings_.force.max_torque_slew, output));
   const double share = force_share(force.norm(), wanted.norm());
   force -= share * damping * (relative - relative.dot(tool.normal) * tool.normal);
   output.force = plain(limit_force(cycle, p, force, device, energy_to_body, spring.energy(length), output));
   hand.spring = {tool.point, tool.point - stretch, device.velocity, share * stiffness, share * damping};
 
-  const haptics::ContactImpedance impedance{body.object->material.stiffness, damping};
   const Vec3d coupling_torque =
       renderer.tool_grip(impedance, settings_.period, device.round_trip).rotational_stiffness * tool.rotation;
   const Vec3d torque = renderer.has_torque()
@@ -388,6 +408,9 @@ void Bodies::limit_at_bodies(const Cycle& cycle, const std::array<ProbeInput, kM
     if (is_other || has_fault) spring_limiters_[p].reset();
     if (hand.object != object_before || has_fault || !hand.is_hold) rotational.limiter.reset();
     if (hand.body == kMaxBodies) {
+      // The renderer limits the change of its own force; the hand may have felt another one at a body.
+      output.force = plain(slewed(force, felt_[p].force, settings_.force.max_slew, output));
+      output.torque = plain(slewed(torque, felt_[p].torque, settings_.force.max_torque_slew, output));
       (void)ports_[p].step(Vec3d::Zero(), device.position, energy_to_body, settings_.period, false);
     } else if (has_fault) {
       hand.spring = {};

@@ -175,6 +175,10 @@ class Bodies {
                   ProbeOutput& output) noexcept;
   void limit_held(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device, double energy_to_body,
                   ProbeOutput& output) noexcept;
+  [[nodiscard]] haptics::ContactImpedance stable_impedance(const session::Material& material,
+                                                           const haptics::DeviceState& device) const noexcept;
+  [[nodiscard]] Vec3d damped(const Vec3d& allowed, const Vec3d& wanted, const Vec3d& felt,
+                             double max_slew) const noexcept;
   /// Limits the change of a force or torque in a cycle, unless it is zero. `max_slew`: N/s or N m/s.
   [[nodiscard]] Vec3d slewed(const Vec3d& wanted, const Vec3d& felt, double max_slew,
                              ProbeOutput& output) const noexcept;
