@@ -21,7 +21,11 @@ std::uint32_t lap_ns(std::int64_t& mark) noexcept {
 
 Cycle::Cycle(const CycleSettings& settings, const std::array<haptics::DeviceSpec, kMaxProbes>& specs,
              DepartureRing& departures, LogRing* log)
-    : settings_{settings}, departures_{departures}, query_{settings.radius, log}, targets_{settings.targets} {
+    : settings_{settings},
+      reach_{std::max(settings.radius, shape_of_probe(settings.tool, settings.radius).reach())},
+      departures_{departures},
+      query_{settings.radius, log},
+      targets_{settings.targets} {
   objects_.reserve(kMaxObjects);
   withdrawn_.reserve(kMaxObjects);
   departed_.reserve(departures.write_available());
@@ -31,6 +35,14 @@ Cycle::Cycle(const CycleSettings& settings, const std::array<haptics::DeviceSpec
     forces_.emplace_back(settings.force, specs[i]);
     if (settings.tool != nullptr) tools_.emplace_back(*settings.tool);
   }
+}
+
+bool Cycle::is_at_movable(std::uint32_t probe, const Vec3d& proxy) const noexcept {
+  constexpr double kMargin = 0.001;  // m
+  return std::any_of(objects_.begin(), objects_.end(), [&](const TouchObject* object) {
+    return can_move(object->index) && is_near(probe, *object) &&
+           sharing::overlaps_bounds(placement(*object), object->bounds, proxy, reach_ + kMargin);
+  });
 }
 
 void Cycle::stop(haptics::Fault fault) noexcept {

@@ -202,6 +202,9 @@ class Cycle {
   }
   /// Returns the number of changes of `objects`.
   [[nodiscard]] std::uint64_t objects_changed() const noexcept { return objects_changed_; }
+  /// Returns whether a probe whose proxy is at `proxy` may touch a movable object, also beside another one: whether it
+  /// intersects the bounds of the object.
+  [[nodiscard]] bool is_at_movable(std::uint32_t probe, const Vec3d& proxy) const noexcept;
   // The state of a probe after the last `touch`. Benchmarks copy it to compute the force for another pose or mesh. The
   // surface is valid until the next `touch`.
   [[nodiscard]] const haptics::Proxy& proxy(std::uint32_t probe) const noexcept { return spheres_[probe].proxy(); }
@@ -263,6 +266,7 @@ class Cycle {
   [[nodiscard]] std::uint32_t refit(TouchObject& object) noexcept;
 
   CycleSettings settings_;
+  double reach_;  // m, of a probe around its proxy
   DepartureRing& departures_;
   CycleObserver* observer_ = nullptr;
   std::vector<TouchObject*> objects_, withdrawn_;  // reserved for kMaxObjects

@@ -63,7 +63,7 @@ void Servo::obey(StopWord word) noexcept {
 }
 
 /// While the gateway is silent, raises the pose ages of probes, so that their forces decrease and return as those of a
-/// silent device. Probes that touch a movable object have kSilence before that, all others `gateway_patience`. Only
+/// silent device. Probes that may touch a movable object have kSilence before that, all others `gateway_patience`. Only
 /// cycles of this servo count as silence: when the whole machine was suspended, the gateway was too.
 void Servo::age_without_gateway(std::int64_t now_ns) noexcept {
   const double passed = static_cast<double>(now_ns - std::exchange(silence_updated_ns_, now_ns)) * 1e-9;
@@ -72,7 +72,7 @@ void Servo::age_without_gateway(std::int64_t now_ns) noexcept {
   silence_ = has_new_heartbeat || heartbeats == 0 ? 0 : silence_ + std::clamp(passed, 0.0, 2 * period_);
   if (!watches_gateway_ || silence_ <= kSilence) return;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
-    const bool is_movable = cycle_.can_move(outputs_[i].object);
+    const bool is_movable = cycle_.is_at_movable(i, vec(outputs_[i].proxy));
     const double late = silence_ - (is_movable ? kSilence : gateway_patience_);
     if (late <= 0) continue;
     const double share = late / (is_movable ? kMovableFade : kFixedFade);

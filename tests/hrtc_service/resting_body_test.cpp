@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 #include <string>
+#include <utility>
 
 #include "haptics/simulated_device.hpp"
 #include "host_service/host_core.hpp"
@@ -207,6 +208,51 @@ haptics::DeviceState invalid_state(const haptics::DeviceState& valid, int number
   return state;
 }
 
+TEST_F(BoxOnOrgan, AResetBeginsNoGraspOfAHandThatClosedDuringAFault) {
+  const haptics::BodyState resting = receive_resting_box();
+  Vec3d hand = resting.position + Vec3d{0, 0, kBoxHalfEdge + 0.01};
+  const auto is_holding = [&] { return (outputs_[0].status & session::kHolding) != 0; };
+  for (int cycle = 0; cycle < 600; ++cycle) {
+    hand.z() = std::max(hand.z() - 3e-5, resting.position.z() + kBoxHalfEdge + 0.0027);
+    run_cycle(hand, false);
+  }
+  ASSERT_NE(outputs_[0].status & session::kInContact, 0u);
+  session_.cycle().stop(haptics::Fault::kEmergencyStop);
+  for (int cycle = 0; cycle < 10; ++cycle) run_cycle(hand, true);
+  EXPECT_NE(outputs_[0].status & session::kHoldRefused, 0u);
+  session_.cycle().reset_faults();
+  for (int cycle = 0; cycle < 100; ++cycle) {
+    run_cycle(hand, true);
+    ASSERT_FALSE(is_holding()) << "cycle " << cycle;
+  }
+  run_cycle(hand, false);
+  for (int cycle = 0; cycle < 2; ++cycle) run_cycle(hand, true);
+  EXPECT_TRUE(is_holding()) << "it has opened";
+}
+
+// The force of a hand in the corner of both comes from both, whichever is reported as touched.
+class HandBesideBox : public BoxOnOrgan, public ::testing::WithParamInterface<double> {};
+
+TEST_P(HandBesideBox, WithoutAGatewayAForceOfTheOrganEndsWithin60MsIfTheTipReachesIntoTheBoundsOfTheBox) {
+  const double distance = GetParam();
+  const haptics::BodyState resting = receive_resting_box();
+  orders_.bodies[0].received.state.position.z() -= 0.02;  // into the organ, because the organ falls steeply beside it
+  const auto force = [&] { return hrtc_service::vec(outputs_[0].force).norm(); };
+  Vec3d hand = resting.position + Vec3d{distance, 0, 0.01};
+  for (int cycle = 0; cycle < 600; ++cycle) run_cycle(hand, false);
+  while (force() < 0.2) {
+    hand.z() -= 1e-5;
+    run_cycle(hand, false);
+    ASSERT_GT(hand.z(), resting.position.z() - 0.1);
+  }
+  ASSERT_EQ(outputs_[0].object, 0u) << "the organ";
+  session_.has_gateway = false;
+  for (int cycle = 0; cycle < 61; ++cycle) run_cycle(hand, false);
+  EXPECT_EQ(force() > 0, distance > 0.02);
+}
+
+INSTANTIATE_TEST_SUITE_P(Distances, HandBesideBox, ::testing::Values(0.0135, 0.03));
+
 TEST_F(BoxOnOrgan, OneInvalidStateOfAHandThatPressesOrHoldsItLeavesItsStateFinite) {
   const haptics::BodyState resting = receive_resting_box();
   const Vec3d above = resting.position + Vec3d{0, 0, kBoxHalfEdge + 0.01};
@@ -353,6 +399,50 @@ TEST(BodyOnGround, TheForceChangesByAtMostFiveNewtonsInACycle) {
     session.run_cycle(hand, Vec3d::Zero(), 0.07);
     EXPECT_EQ(hrtc_service::vec(session.output().force).norm(), 0) << "a stale pose ends the force at once";
   }
+}
+
+// Without friction, only the damper of the movable box acts along the surface. It ends where the fixed box begins.
+TEST(BodyBesideFixedObject, TheForceChangesByAtMostFiveNewtonsInACycleWhenATipSlidesFromOneToTheOther) {
+  constexpr double kHalf = 0.03, kSpeed = 1.4, kMaxChange = 5, kDepth = 0.007;  // m, m/s, N, m
+  const spm::offline::BuiltModel box = spm::offline::build_model(box_mesh(kHalf));
+  LocalSession session{
+      {box.model(), box.model()}, 1, spm::PoolSettings::for_slots(1 << 15), 2, {}, {1000, 6, 0, 0}, kMass};
+  hrtc_service::GrantedBodies orders;
+  orders.count = 1;
+  orders.bodies[0].object = 1;
+  orders.bodies[0].received.number = 1;
+  orders.bodies[0].received.state.position = {2 * kHalf, 0, 0};
+  Vec3d force = Vec3d::Zero();
+  double along = 0, max_change = 0;
+  const auto run_cycle = [&](const Vec3d& hand, const Vec3d& velocity) {
+    hrtc_service::MailboxWriter{session.core().link().bodies.granted}.post(orders);
+    session.core().tick_intake();
+    session.prepare(hand, velocity);
+    const hrtc_service::ProbeOutput output = session.touch_with_bodies()[0];
+    (void)session.core().servo().refine(spm::Budget{1u << 20});
+    const Vec3d before = std::exchange(force, hrtc_service::vec(output.force));
+    max_change = std::max(max_change, (force - before).norm());
+    along = std::max(along, std::abs(force.x()));
+    return output.object;
+  };
+  // The movable box falls once it is touched, so the hand is fast.
+  Vec3d hand{1.3 * kHalf, 0, kHalf + 0.01};
+  for (int cycle = 0; cycle < 600; ++cycle) (void)run_cycle(hand, Vec3d::Zero());
+  std::uint32_t object = 1;
+  while (hand.z() > kHalf + 0.003 - kDepth) {
+    hand.z() -= 1e-3;
+    object = run_cycle(hand, {0, 0, -1});
+  }
+  ASSERT_EQ(object, 1u);
+  ASSERT_GT(force.z(), kMaxChange);
+  while (hand.x() > 0.5 * kHalf) {
+    hand.x() -= 1e-3 * kSpeed;
+    object = run_cycle(hand, {-kSpeed, 0, 0});
+  }
+  EXPECT_EQ(object, 0u);
+  EXPECT_GT(along, kMaxChange);
+  EXPECT_LE(max_change, kMaxChange + 1e-9);
+  EXPECT_NEAR(force.z(), 1000 * kDepth, 0.5);
 }
 
 TEST(BodyOnGround, ABoxThatIsFarFromItsStartPassesNoHandOnItsWay) {
