@@ -60,7 +60,8 @@ spm::RegionData HrtcModel::message(spm::RegionId region, bool all_records) const
 
 spm::AcceptResult HrtcModel::load(const spm::RegionData& data) {
   spm::RegionList list;
-  const spm::AcceptResult result = cache_.accept(admitted_.object, data, list_summary(model_.regions[index(data.region)]), list);
+  const spm::AcceptResult result =
+      cache_.accept(admitted_.object, data, list_summary(model_.regions[index(data.region)]), list);
   if (result != spm::AcceptResult::kAccepted) return result;
   forest_.add(data.region, list);
   for (const spm::Interval& interval : data.list)

@@ -111,9 +111,9 @@ struct ForceResult {
   return (device_damping + damping) / (cycle / 2 + round_trip);
 }
 
-/// The maximum damping that is stable on a device with the mass m: m / (T / 2 + td + tv), with the cycle T, the loop delay
-/// td, and the delay tv of a device's velocity, all in SI units. A sampled damper is unstable above 2 m / T, a delayed
-/// one above pi / 2 * m / td.
+/// The maximum damping that is stable on a device with the mass m: m / (T / 2 + td + tv), with the cycle T, the loop
+/// delay td, and the delay tv of a device's velocity, all in SI units. A sampled damper is unstable above 2 m / T, a
+/// delayed one above pi / 2 * m / td.
 [[nodiscard]] constexpr double stable_damping(double device_mass, double cycle, double round_trip) noexcept {
   constexpr double kVelocityDelay = 0.002;  // s
   return device_mass / (cycle / 2 + round_trip + kVelocityDelay);

@@ -37,8 +37,8 @@ class BodyExchange {
   /// Opens and closes endpoints, and passes the transit times of copies to the gateway. Call it before each tick of the
   /// gateway.
   void tick(std::int64_t now_ns, const session::ClockMap& clock);
-  /// Sends the claims of the gateway, and accepts copies of the groups that it has joined. Call it after each tick of the
-  /// gateway.
+  /// Sends the claims of the gateway, and accepts copies of the groups that it has joined. Call it after each tick of
+  /// the gateway.
   void after_tick();
   /// Returns the number of copies that were dropped outside their plausible windows.
   [[nodiscard]] std::uint64_t implausible() const;

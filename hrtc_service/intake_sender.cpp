@@ -60,8 +60,9 @@ void IntakeSender::add_object(std::uint32_t index, IntakeObject object, const sp
 }
 
 void IntakeSender::add_region(std::uint32_t index, const spm::RegionData& region, const spm::ListSummary& expected) {
-  const IntakeRegion message{region.region,         expected, size_of(region.list), size_of(region.sent),
-                             size_of(region.residuals), size_of(region.parts)};
+  const IntakeRegion message{
+      region.region,        expected, size_of(region.list), size_of(region.sent), size_of(region.residuals),
+      size_of(region.parts)};
   append(IntakeKind::kRegion, index, {size_of(region.parts), spm::ListBlock::blocks_for(expected.records)}, message,
          region.list, region.sent, region.residuals, region.parts);
 }

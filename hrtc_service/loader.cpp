@@ -106,7 +106,9 @@ bool Loader::reserve_directory(Object& object) {
   return false;
 }
 
-void Loader::release_directory(Object& object) noexcept { directory_bytes_ -= std::exchange(object.directory_bytes, 0); }
+void Loader::release_directory(Object& object) noexcept {
+  directory_bytes_ -= std::exchange(object.directory_bytes, 0);
+}
 
 /// Withdraws the objects that a host offered before `change` and that no host offers after it.
 template <class Change>

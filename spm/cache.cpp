@@ -386,7 +386,8 @@ std::vector<std::string> Cache::violations() const {
     std::uint32_t left = loaded.length;
     for (BlockIndex block = first_block; block != kNone; block = pool_.blocks[block].after) {
       ++used_blocks;
-      for (std::uint32_t i = 0; i < ListBlock::kEntries && left > 0; ++i, --left) ++counts[pool_.blocks[block].slots[i]];
+      for (std::uint32_t i = 0; i < ListBlock::kEntries && left > 0; ++i, --left)
+        ++counts[pool_.blocks[block].slots[i]];
     }
     if (left != 0) found.push_back("the list of a region has " + std::to_string(left) + " entries too few");
   }

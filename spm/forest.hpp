@@ -182,11 +182,11 @@ class Forest {
   struct State {
     RegionId region = kNone;  // kNone: the entry is free
     RegionList list;
-    std::uint32_t cursor = 0;               // number of applied entries
-    BlockIndex block = kNone;               // the block that `entry` used last
-    std::uint32_t block_number = 0;         // its number in the list
-    std::uint32_t target_number = 0;        // number of the last target with this region
-    std::uint32_t target_entries = 0;       // number of entries to apply in that target
+    std::uint32_t cursor = 0;                 // number of applied entries
+    BlockIndex block = kNone;                 // the block that `entry` used last
+    std::uint32_t block_number = 0;           // its number in the list
+    std::uint32_t target_number = 0;          // number of the last target with this region
+    std::uint32_t target_entries = 0;         // number of entries to apply in that target
     std::uint32_t in_use_at = kNone;          // index in in_use_
     StateIndex older = kNone, newer = kNone;  // neighbours in the list of retained regions
     bool retiring = false;

@@ -38,10 +38,10 @@ inline thread_local std::uint64_t decode_failures = 0;
 ///
 /// No exception leaves the decoder. The key is computed on the stack instead of in a buffer that all endpoints share.
 ///
-/// A topic of class probe and the roster have one DDS instance each, whatever the key in the sample. Fast DDS 2.9.1 frees
-/// no instance while its writer lives. So with one instance for each key, readers would refuse the samples of new users
-/// and programs as soon as there had been `max_instances`, or as soon as one program had written so many keys. These
-/// topics need no instances, because their history stores nothing: a reader takes each sample in the thread that
+/// A topic of class probe and the roster have one DDS instance each, whatever the key in the sample. Fast DDS 2.9.1
+/// frees no instance while its writer lives. So with one instance for each key, readers would refuse the samples of new
+/// users and programs as soon as there had been `max_instances`, or as soon as one program had written so many keys.
+/// These topics need no instances, because their history stores nothing: a reader takes each sample in the thread that
 /// received it.
 template <class Support>
 class Guarded : public LibraryType<Support> {

@@ -164,7 +164,8 @@ bool Members::record(const keys::Identity& identity, const GuidPrefix& sender, s
         return false;
       participant.announced_ns = now_ns;
       participant.lease_ns = std::max(participant.lease_ns, lease_ns);
-      if (!contains(participant.ids, id) && participant.ids.size() < Participant::kMaxIds && !is_id_of_another(id, participant.certificate))
+      if (!contains(participant.ids, id) && participant.ids.size() < Participant::kMaxIds &&
+          !is_id_of_another(id, participant.certificate))
         participant.ids.push_back(id);
       return true;
     }
@@ -189,8 +190,13 @@ bool Members::record(const keys::Identity& identity, const GuidPrefix& sender, s
     audit_.add({"too many programs", "", address, ""});
     return false;
   }
-  certificates_.try_emplace(begin, Certificate{subject_of(identity), identity.name, identity.serial, identity.role,
-                                               identity.valid_until, identity.permitted, ids_of(identity.permitted),
+  certificates_.try_emplace(begin, Certificate{subject_of(identity),
+                                               identity.name,
+                                               identity.serial,
+                                               identity.role,
+                                               identity.valid_until,
+                                               identity.permitted,
+                                               ids_of(identity.permitted),
                                                {}});
   participants_[sender] = {begin, {id}, now_ns, address, now_ns, lease_ns};
   return true;

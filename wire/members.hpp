@@ -122,7 +122,7 @@ class Members {
     keys::Permitted permitted;
     std::vector<std::uint64_t> permitted_ids;
     std::vector<std::uint64_t> ids;  // of its programs, from samples with their names; the newest last
-    std::uint32_t refused = 0;  // samples in the window, of which the first was refused at this time
+    std::uint32_t refused = 0;       // samples in the window, of which the first was refused at this time
     std::int64_t refused_since_ns = 0;
     bool is_cut_off = false;
   };

@@ -22,9 +22,9 @@ struct TopicSpec {
 
 /// Whether samples of this type are sent once. All others are repeated, or replaced by newer ones.
 template <class Sample>
-inline constexpr bool kIsSentOnce = std::is_same_v<Sample, session::CatalogueEntry> ||
-                                    std::is_same_v<Sample, session::Control> ||
-                                    std::is_same_v<Sample, session::SessionEnd>;
+inline constexpr bool kIsSentOnce =
+    std::is_same_v<Sample, session::CatalogueEntry> || std::is_same_v<Sample, session::Control> ||
+    std::is_same_v<Sample, session::SessionEnd>;
 
 /// Whether all samples of a topic are of one DDS instance, see Guarded in dds.hpp.
 template <class Sample>

@@ -88,7 +88,7 @@ void ProbeDevices::read(std::int64_t now_ns, std::array<ProbeInput, kMaxProbes>&
   }
 }
 
-/// The force is zero while the clutch is down, and its part in the world may be at its limits when the clutch is released.
+/// The force is zero while the clutch is down. In the world it may be at its limits when the clutch is released.
 void ProbeDevices::write_local(Probe& probe, const Vec3d& force, const Vec3d& torque) const noexcept {
   Vec3d at_hand = probe.strength * probe.frame.force_to_device(force);
   if (const double size = at_hand.norm(); size > limits_.max_force) at_hand *= limits_.max_force / size;

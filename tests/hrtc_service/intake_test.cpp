@@ -506,8 +506,7 @@ TEST_F(IntakeTest, DamagedMessagesNeitherBreakTheMeshNorTheForce) {
         sender_->retire(index, RegionId{below(model().summary().regions)});
         break;
       default:
-        for (std::uint32_t each = 0; each < 4; ++each)
-          add_region(each, region(below(model().summary().regions)));
+        for (std::uint32_t each = 0; each < 4; ++each) add_region(each, region(below(model().summary().regions)));
     }
     sender_->flush();
     const std::uint64_t first = messages->popped, count = messages->pushed - first;

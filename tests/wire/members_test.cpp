@@ -189,17 +189,17 @@ TEST_F(MembersTest, ANameInASampleCountsOnlyForItsMember) {
 // An id is a hash of 64 bits of a name, and a member may choose a name. Here it chooses the same name.
 TEST_F(MembersTest, TheIdOfThisProgramIsRefusedToOthers) {
   const keys::Member ann = add("ann", Role::kUser);
-  Members twin{authority_.folder_of("desk"), self_, "ann.x", audit_};
+  Members receiver{authority_.folder_of("desk"), self_, "ann.x", audit_};
   const GuidPrefix sender = prefix_of(ann);
   const auto admits_name = [&](const char* name) {
     const Bytes message = message_of({announcement(sender, text_of(keys::identity_of(ann, name)))}, sender);
-    return twin.admits(message.data(), static_cast<std::uint32_t>(message.size()), [] { return "10.0.0.9"; });
+    return receiver.admits(message.data(), static_cast<std::uint32_t>(message.size()), [] { return "10.0.0.9"; });
   };
   EXPECT_FALSE(admits_name("ann.x"));
   EXPECT_TRUE(admits_name("ann"));
   EXPECT_TRUE(admits_name("ann.x")) << "the participant is known by its other name";
-  twin.on_authentication(sender, true);
-  EXPECT_FALSE(twin.is_author(sender, {session::id_of("ann.x")}, "tactus_roster"));
+  receiver.on_authentication(sender, true);
+  EXPECT_FALSE(receiver.is_author(sender, {session::id_of("ann.x")}, "tactus_roster"));
   EXPECT_THAT(audit(), HasSubstr(R"("detail":"states to be user ann, with the id of another")"));
 }
 

@@ -93,8 +93,7 @@ TEST_P(EveryProfile, LoadsAndReleasesRegionsInAnyOrderWithTheChecksumsOfTheBaseM
       continue;
     }
     RegionList list;
-    ASSERT_EQ(hrtc.accept(hrtc.message(region), list), AcceptResult::kAccepted)
-        << "step " << step << ", seed 7";
+    ASSERT_EQ(hrtc.accept(hrtc.message(region), list), AcceptResult::kAccepted) << "step " << step << ", seed 7";
   }
   EXPECT_THAT(hrtc.cache().violations(), IsEmpty());
 }
