@@ -88,7 +88,7 @@ class Encoding {
   }
 
  private:
-  wire::Guarded<wire::IdlOf<session::DevicePose>::Support> type_{wire::TrafficClass::kProbe};
+  wire::Guarded<wire::IdlOf<session::DevicePose>::Support> type_{true};
   wire::IdlOf<session::DevicePose>::Type sample_;
   wire::rtps::SerializedPayload_t payload_{1024};
 };

@@ -127,8 +127,8 @@ class ForceRenderer {
   /// `spec` in world units (DeviceFrame::to_world).
   ForceRenderer(const ForceSettings& settings, const DeviceSpec& spec) noexcept : settings_{settings}, spec_{spec} {}
 
-  /// The impedance of a material with a damping that is stable on a device of 0.1 kg, at cycles of `dt` seconds and with
-  /// DeviceState::round_trip. All functions below expect such an impedance.
+  /// The impedance of a material with a damping that is stable on a device of 0.1 kg, at cycles of `dt` seconds and
+  /// with DeviceState::round_trip. All functions below expect such an impedance.
   [[nodiscard]] static ContactImpedance with_stable_damping(const ContactImpedance& impedance, double dt,
                                                             double round_trip = 0) noexcept;
 

@@ -69,7 +69,7 @@ bool SessionClock::on_answer(const ClockSample& answer, std::int64_t local_now_n
   for (const std::int64_t stamp : {answer.t0_ns, answer.t1_ns, answer.t2_ns}) {
     if (stamp <= -kClockUnknown || stamp >= kClockUnknown) return false;  // differences must not overflow
   }
-  if (answer.t2_ns > kMaxReferenceNs) return false;
+  if (!may_follow(answer.t2_ns, local_now_ns)) return false;
   const std::int64_t turnaround = answer.t2_ns - answer.t1_ns;
   const std::int64_t rtt = local_now_ns - answer.t0_ns - turnaround;
   const bool is_answer_to_us = answer.answer && answer.origin.session == self_.session &&

@@ -58,8 +58,8 @@ struct ClockMap {
 
 /// Error bound of a clock that has received no answer yet.
 inline constexpr std::int64_t kClockUnknown = INT64_C(1) << 60;
-/// Latest session time of a reference; one that states a later time is ignored. A roster entry can state twice that
-/// time. Otherwise a reference could set the clocks of all programs so that none of them could send roster entries.
+/// Latest session time to which a reference can set a clock. A roster entry can state twice that time. Otherwise a
+/// reference could set the clocks of all programs so that none of them could send roster entries.
 inline constexpr std::int64_t kMaxReferenceNs = INT64_C(1) << 59;
 
 class SessionClock {
@@ -99,6 +99,12 @@ class SessionClock {
   /// the program has then joined another session.
   [[nodiscard]] std::int64_t joined_ns() const noexcept { return joined_ns_; }
   [[nodiscard]] const ClockSettings& settings() const noexcept { return settings_; }
+  /// Returns whether session time may follow a reference with this time. Near its end, it may not step: the limit is
+  /// kMaxReferenceNs, and larger for a program that has no session time yet, so that it can join one near this limit.
+  [[nodiscard]] bool may_follow(std::int64_t session_ns, std::int64_t local_now_ns) const noexcept {
+    const std::int64_t limit = synchronised_ ? kMaxReferenceNs : kMaxReferenceNs / 2 * 3;
+    return session_ns <= limit || session_ns - map_.session_time(local_now_ns) <= settings_.max_slewed_ns;
+  }
 
  private:
   /// The offset that one answer gives.

@@ -28,6 +28,10 @@ DeliveryClient::DeliveryClient(const Origin& self, const DeliverySettings& setti
 void DeliveryClient::on_catalogue(const CatalogueEntry& entry) {
   Host& host = hosts_[entry.origin.participant];
   const auto key = std::make_pair(entry.object_id, entry.origin.incarnation);
+  if (host.offers.size() >= kMaxOffers)
+    std::erase_if(host.offers, [&](const auto& offer) {
+      return offer.first.second != entry.origin.incarnation && offer.first.second != host.incarnation;
+    });
   if (entry.withdrawn) {
     host.offers.erase(key);
   } else if (host.offers.size() < kMaxOffers || host.offers.count(key) != 0) {
@@ -193,7 +197,8 @@ std::vector<DeliveryClient::Message> DeliveryClient::on_chunk(const BulkChunk& c
     return {};
   }
   Stream& stream = at->second;
-  if (chunk.sender != 0 && chunk.sender != stream.host) {  // a member that states to be the host
+  if (!chunk.senders.empty() &&
+      std::find(chunk.senders.begin(), chunk.senders.end(), stream.host) == chunk.senders.end()) {
     ++counters_.foreign;
     return {};
   }

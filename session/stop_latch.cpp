@@ -118,8 +118,9 @@ bool StopLatch::on_stop(const StopName& stop) {
   const bool is_first = is_first_from_issuer(stop);
   if (record_stop(stop)) return true;
   const auto recorded = find_in(records_, stop.participant, stop.incarnation);
-  const bool has_ended = recorded != records_.end() && !stands(*recorded);
-  return is_first && has_ended && raise_own_stop();
+  if (!is_first || recorded == records_.end()) return false;
+  // Another program has forwarded this stop or a later one. A reset of that one must not end the stop of its issuer.
+  return (recorded->stop > stop.number || !stands(*recorded)) && raise_own_stop();
 }
 
 /// Records a stop. Returns true when it is new and a stop stands.
@@ -191,7 +192,8 @@ std::vector<StopName> standing_stops(const Roster& roster) {
 bool acknowledges(const RosterEntry& entry, const EmergencyStop& stop) {
   const auto record = find_in(entry.stops, stop.origin.participant, stop.origin.incarnation);
   // A program ends only stops that it has received. One with a larger `ended` would ignore later stops.
-  if (record != entry.stops.end() && record->stop >= stop.number && record->ended <= record->stop) return true;
+  // A larger `stop` is not of this issuer, which repeats only its newest one.
+  if (record != entry.stops.end() && record->stop == stop.number && record->ended <= record->stop) return true;
   // If the program had no free record for the stop, it has issued a stop of its own instead.
   const auto own = find_in(entry.stops, entry.origin.participant, entry.origin.incarnation);
   return own != entry.stops.end() && stands(*own);

@@ -21,9 +21,9 @@
 /// stops in advance. The sender repeats its reset until no stop that it names stands at any program in its roster. A
 /// stop that arrives later stands until the next reset that names it.
 ///
-/// A host or HRTC forwards the stops that stand, so that a program that joins gets them. It could forward a stop that
-/// nobody has issued, with any number. So a forwarded stop never replaces one that its issuer sends: if a reset has
-/// ended the forwarded stop, this program issues a stop of its own for the issuer's.
+/// A host or HRTC forwards the stops that stand, so that a program that joins gets them. A forwarded stop may be
+/// forged. If its issuer then sends a stop itself that the forwarded one would hide, this program issues a stop of its
+/// own.
 ///
 /// No DDS and no clock; one thread at a time.
 #pragma once
@@ -61,8 +61,8 @@ class StopLatch {
   /// Applies a reset. Returns true when the reset is new. A repeated reset only ends stops that it names and that
   /// arrived after it, or again after their records were dropped, so a fault since the first one stays latched.
   bool on_reset(const ForceReset& reset);
-  /// Applies the stops that stand in the roster entry of a host or an HRTC, but no resets. Returns true if a stop is new
-  /// and stands.
+  /// Applies the stops that stand in the roster entry of a host or an HRTC, but no resets. Returns true if a stop is
+  /// new and stands.
   bool on_roster(const RosterEntry& entry);
 
   [[nodiscard]] bool stopped() const noexcept;

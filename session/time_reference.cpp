@@ -26,19 +26,20 @@ bool outranks(const Reference& a, const Reference& b) noexcept {
   return std::tie(a.joined_ns, a.id.participant) < std::tie(b.joined_ns, b.id.participant);
 }
 
-std::optional<Reference> reference_of(const Roster& roster, const RosterEntry& entry, std::int64_t local_now_ns) {
+std::optional<Reference> reference_of(const Roster& roster, const RosterEntry& entry, const SessionClock& clock,
+                                      std::int64_t local_now_ns) {
   if (!can_be_reference(entry.role) || entry.reference != entry.origin.participant) return std::nullopt;
-  if (entry.session_time_ns > kMaxReferenceNs) return std::nullopt;
+  if (!clock.may_follow(entry.session_time_ns, local_now_ns)) return std::nullopt;
   const std::int64_t age_ns = local_now_ns - roster.received_ns(entry.origin.participant);
   return Reference{
       {entry.origin.participant, entry.origin.incarnation}, entry.session_time_ns + age_ns, entry.joined_ns};
 }
 
 /// Returns the highest-ranking reference other than this program; none if the roster has no reference.
-std::optional<Reference> best_reference(const Roster& roster, std::int64_t local_now_ns) {
+std::optional<Reference> best_reference(const Roster& roster, const SessionClock& clock, std::int64_t local_now_ns) {
   std::optional<Reference> best;
   roster.for_each([&](const RosterEntry& entry) {
-    const std::optional<Reference> reference = reference_of(roster, entry, local_now_ns);
+    const std::optional<Reference> reference = reference_of(roster, entry, clock, local_now_ns);
     if (reference && (!best || outranks(*reference, *best))) best = reference;
   });
   return best;
@@ -76,7 +77,7 @@ TimeReference successor(const Roster& roster, const Origin& self, Role role, con
 
 TimeReference time_reference(const Roster& roster, const Origin& self, Role role, const SessionClock& clock,
                              bool force_on, std::int64_t local_now_ns) {
-  const std::optional<Reference> best = best_reference(roster, local_now_ns);
+  const std::optional<Reference> best = best_reference(roster, clock, local_now_ns);
   if (clock.answers_requests()) {
     const TimeReference own{self.participant, self.incarnation};
     if (!best) return own;
@@ -89,7 +90,7 @@ TimeReference time_reference(const Roster& roster, const Origin& self, Role role
   // A follower does not change its reference while that participant is a reference. If a session has two references,
   // the two decide between themselves which of them remains.
   const RosterEntry* const current = roster.find(clock.reference());
-  if (current != nullptr && reference_of(roster, *current, local_now_ns))
+  if (current != nullptr && reference_of(roster, *current, clock, local_now_ns))
     return {current->origin.participant, current->origin.incarnation};
   return best ? best->id : successor(roster, self, role, clock, local_now_ns);
 }

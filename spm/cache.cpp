@@ -361,10 +361,10 @@ void Cache::release(ObjectIndex object, RegionId region) noexcept {
 }
 
 void Cache::release_all(ObjectIndex object) noexcept {
-  for (Place at; (at = next_loaded(object, at.block)).region != kNone;) release_region(at.block);
+  for (LoadedAt at; (at = next_loaded(object, at.block)).region != kNone;) release_region(at.block);
 }
 
-Cache::Place Cache::next_loaded(ObjectIndex object, BlockIndex from) const noexcept {
+Cache::LoadedAt Cache::next_loaded(ObjectIndex object, BlockIndex from) const noexcept {
   for (std::uint32_t block = index(from); block < loaded_.size(); ++block) {
     const LoadedRegion& loaded = loaded_[BlockIndex{block}];
     if (loaded.region != kNone && loaded.object == object) return {loaded.region, BlockIndex{block}};

@@ -102,13 +102,13 @@ class Cache {
   [[nodiscard]] bool is_loaded(ObjectIndex object, RegionId region) const noexcept {
     return find(object, region) != kNone;
   }
-  /// A loaded region and its place in the order in which `next_loaded` visits them.
-  struct Place {
+  /// A loaded region and the first block of its list.
+  struct LoadedAt {
     RegionId region = kNone;  // kNone: none
     BlockIndex block{};
   };
-  /// Returns the first loaded region of an object that is not before `from`. O(list blocks of the pool).
-  [[nodiscard]] Place next_loaded(ObjectIndex object, BlockIndex from) const noexcept;
+  /// Returns the first loaded region of an object whose list does not begin before `from`. O(list blocks of the pool).
+  [[nodiscard]] LoadedAt next_loaded(ObjectIndex object, BlockIndex from) const noexcept;
 
   [[nodiscard]] bool has_record(ObjectIndex object, RecordId record) const noexcept {
     return index(object) < objects_.size() && find(object, record) != kNone;

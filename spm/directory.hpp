@@ -1,5 +1,5 @@
-/// The sizes of directories. The directory of an object lists its regions, the loaded regions, and a sample of the
-/// received records. It has an entry for each region and each base face, and is not part of the pool.
+/// The sizes of directories. The directory of an object lists its regions, the loaded regions, and some of the received
+/// records. It has an entry for each region and each base face, and is not part of the pool.
 #pragma once
 
 #include <algorithm>
@@ -15,13 +15,13 @@ namespace tactus::spm {
 /// Bytes for each region in the loader besides its grid: the progress of the region, and the summary of its list
 /// (hrtc_service/loader.hpp).
 inline constexpr std::uint32_t kLoaderBytesPerRegion = 20;
-/// Bytes for each object in the compressed cache: a sample of the received records (spm/codec/received_records.hpp).
-inline constexpr std::uint32_t kReceivedSampleBytes = 16'384;
+/// Bytes for each object in the compressed cache: some of the received records (spm/codec/received_records.hpp).
+inline constexpr std::uint32_t kReceivedRecordsBytes = 16'384;
 
 /// Returns the bytes of an object's directory.
 [[nodiscard]] inline std::uint64_t directory_bytes(const ModelSummary& summary, const PoolSettings& pool) noexcept {
   return Cache::directory_bytes(summary) + Forest::directory_bytes(summary, pool) + RegionGrid::bytes(summary.regions) +
-         std::uint64_t{summary.regions} * kLoaderBytesPerRegion + kReceivedSampleBytes;
+         std::uint64_t{summary.regions} * kLoaderBytesPerRegion + kReceivedRecordsBytes;
 }
 
 /// Returns the number of AB-tree nodes (spm/ab_tree.hpp) above the faces with the given FaceIds. O(n log n), allocates.

@@ -65,8 +65,8 @@ class Forest {
   /// `pool` and `nodes` must outlive the forest. Not realtime: allocates.
   Forest(Pool& pool, NodePool& nodes, ObjectIndex object, const ModelSummary& summary, RegionGrid grid, BaseSlots base);
 
-  /// Returns the bytes that the forest needs for the base mesh of an object, its grid, and the state of the regions that
-  /// can be loaded at a time.
+  /// Returns the bytes that the forest needs for the base mesh of an object, its grid, and the state of the regions
+  /// that can be loaded at a time.
   [[nodiscard]] static std::uint64_t directory_bytes(const ModelSummary& summary, const PoolSettings& pool) noexcept {
     constexpr std::uint64_t kPerLoaded = sizeof(State) + 3 * sizeof(StateIndex);
     const std::uint32_t loaded = max_loaded(summary.regions, pool);

@@ -53,7 +53,7 @@ struct Region {
 };
 static_assert(sizeof(Region) == 40);
 
-/// What the entry of a region states of its list. A message with another list is malformed.
+/// Length and checksum of a region's list, from the base mesh. A message with another list is malformed.
 struct ListSummary {
   std::uint32_t records = 0;   ///< Region::record_count
   std::uint32_t checksum = 0;  ///< Region::checksum

@@ -108,8 +108,8 @@ struct Participants::Impl {
   void report_excess(const GuidPrefix& participant, const char* topic) const noexcept;
   /// See Members::report_invalid.
   void report_invalid(const GuidPrefix& participant, const char* topic, const char* reason) const noexcept;
-  /// Returns the id of the program that has written the sample; 0 without keys.
-  [[nodiscard]] std::uint64_t author_of(const dds::SampleInfo& sample) const;
+  /// See Members::ids_of; none without keys.
+  [[nodiscard]] std::vector<std::uint64_t> authors_of(const dds::SampleInfo& sample) const;
   /// Returns `<session>/<part>`, or `<session>` if `part` is empty. Throws WireError if `part` has a wildcard.
   [[nodiscard]] std::string partition(const std::string& part) const;
 

@@ -234,7 +234,7 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
       participants.impl().report_invalid(author, topic, wrong);
       return;
     }
-    if constexpr (!kHasOrigin<Sample>) sample.sender = participants.impl().author_of(info);
+    if constexpr (!kHasOrigin<Sample>) sample.senders = participants.impl().authors_of(info);
     if (!participants.impl().is_author(info, claim_of(sample), topic)) {
       ++refused;
       return;

@@ -64,7 +64,7 @@ bool contains(const std::vector<std::uint64_t>& ids, std::uint64_t id) {
   return std::find(ids.begin(), ids.end(), id) != ids.end();
 }
 
-std::vector<std::uint64_t> ids_of(const keys::Permitted& names) {
+std::vector<std::uint64_t> ids_of_names(const keys::Permitted& names) {
   std::vector<std::uint64_t> ids;
   for (const std::string& name : names) ids.push_back(session::id_of(name));
   return ids;
@@ -182,7 +182,8 @@ bool Members::record(const keys::Identity& identity, const GuidPrefix& sender, s
     return false;
   }
   if (is_id_of_another(id, begin)) {
-    audit_.add({"unknown program", "", from(), "states to be " + subject_of(identity) + ", with the id of another"});
+    audit_.add(
+        {"unknown program", "", from(), "claims to be " + subject_of(identity) + ", with the id of another program"});
     return false;
   }
   const std::string address = from();
@@ -196,7 +197,7 @@ bool Members::record(const keys::Identity& identity, const GuidPrefix& sender, s
                                                identity.role,
                                                identity.valid_until,
                                                identity.permitted,
-                                               ids_of(identity.permitted),
+                                               ids_of_names(identity.permitted),
                                                {}});
   participants_[sender] = {begin, {id}, now_ns, address, now_ns, lease_ns};
   return true;
@@ -266,11 +267,12 @@ void Members::cut_off(Certificate& certificate, const char* why) {
   audit_.add({"cut off", certificate.subject, "", why + serial_text(certificate.serial)});
 }
 
-/// Returns whether the author of a sample is the program that it names: by its own name, or by one that it has announced
-/// or that a sample of its member has stated.
-bool Members::is_sender(const Participant& author, const Certificate& certificate, const Claim& claim) {
-  return !claim.participant || contains(author.ids, *claim.participant) ||
-         contains(certificate.ids, *claim.participant) || states_own_name(certificate, claim);
+/// Returns whether the author of a sample is the program that it names: by its own name, or by one that it has
+/// announced or that a sample of its member has stated.
+bool Members::is_sender(const Participant& author, const Certificate& certificate, const Claim& claim) const {
+  if (!claim.participant || contains(author.ids, *claim.participant) || contains(certificate.ids, *claim.participant))
+    return true;
+  return states_own_name(certificate, claim) && !is_id_of_another(*claim.participant, author.certificate);
 }
 
 bool Members::states_own_name(const Certificate& certificate, const Claim& claim) {
@@ -280,21 +282,18 @@ bool Members::states_own_name(const Certificate& certificate, const Claim& claim
 
 /// Returns whether forged announcements may have kept the id of a program out of Participant::ids. Then its samples do
 /// not count until one states its name, and it is not cut off for them.
-bool Members::may_be_diverted(const Participant& author, const Certificate& certificate) noexcept {
-  return author.ids.size() == Participant::kMaxIds && certificate.ids.empty();
-}
+bool Members::may_be_diverted(const Participant& author) noexcept { return author.ids.size() == Participant::kMaxIds; }
 
 /// Stores the id of a program whose sample states its name.
-void Members::learn_name(Certificate& certificate, const keys::GuidBegin& begin, const Claim& claim) {
+void Members::learn_name(Certificate& certificate, const Claim& claim) {
   constexpr std::size_t kMaxPrograms = 64;  // with the same keys
   if (!states_own_name(certificate, claim) || contains(certificate.ids, *claim.participant)) return;
-  if (is_id_of_another(*claim.participant, begin)) return;
   if (certificate.ids.size() == kMaxPrograms) certificate.ids.erase(certificate.ids.begin());
   certificate.ids.push_back(*claim.participant);
 }
 
 const char* Members::refusal_of(const Participant& author, const Certificate& certificate, const Claim& claim,
-                                const char* topic) {
+                                const char* topic) const {
   if (!may_write(certificate.role, topic)) return "not permitted";
   if (!is_sender(author, certificate, claim)) return "false sender";
   if (certificate.role == keys::Role::kTester) return nullptr;
@@ -345,14 +344,13 @@ bool Members::is_author(const GuidPrefix& participant, const Claim& claim, const
   Certificate& certificate = certificates_.at(author->second.certificate);
   const char* const why = refusal_of(author->second, certificate, claim, topic);
   if (why == nullptr) {  // an announcement has added the id since, or the list or the name is new
-    learn_name(certificate, author->second.certificate, claim);
+    learn_name(certificate, claim);
     if (claim.entry != nullptr && session::invalid_field(*claim.entry) == nullptr)
       author->second.list_made = claim.entry->revoked_made_s;
     return !certificate.is_cut_off;
   }
   audit_.add({why, certificate.subject, "", topic});
-  if (is_sender(author->second, certificate, claim) || !may_be_diverted(author->second, certificate))
-    count_refused(certificate);
+  if (is_sender(author->second, certificate, claim) || !may_be_diverted(author->second)) count_refused(certificate);
   return false;
 }
 
@@ -392,17 +390,14 @@ void Members::report_refused_user(std::uint64_t client, const std::string& user)
     audit_.add({"user not served", certificates_.at(brings->second.certificate).subject, "", user});
 }
 
-std::uint64_t Members::id_of(const GuidPrefix& participant) const {
+std::vector<std::uint64_t> Members::ids_of(const GuidPrefix& participant) const {
   const std::shared_lock lock{mutex_};
   const auto known = participants_.find(participant);
-  if (known == participants_.end()) return 0;
-  const std::vector<std::uint64_t>& announced = known->second.ids;
+  if (known == participants_.end()) return {};
+  std::vector<std::uint64_t> ids = known->second.ids;
   const std::vector<std::uint64_t>& named = certificates_.at(known->second.certificate).ids;
-  const auto both =
-      std::find_if(announced.begin(), announced.end(), [&](std::uint64_t id) { return contains(named, id); });
-  if (both != announced.end()) return *both;
-  if (announced.size() == Participant::kMaxIds && !named.empty()) return named.back();
-  return announced.empty() ? 0 : announced.front();
+  ids.insert(ids.end(), named.begin(), named.end());
+  return ids;
 }
 
 /// The library waits for a participant that never answers in the handshake, and reports no failure.

@@ -94,8 +94,9 @@ class Members {
   /// Writes to the audit log that this program, an HRTC, may not serve a user whom the program with this id brings.
   void report_refused_user(std::uint64_t client, const std::string& user) const;
 
-  /// Returns the id of the program with this participant; 0 if it is not known.
-  [[nodiscard]] std::uint64_t id_of(const GuidPrefix& participant) const;
+  /// Returns the ids of the program with this participant, and of other programs of its member; none if it is not
+  /// known.
+  [[nodiscard]] std::vector<std::uint64_t> ids_of(const GuidPrefix& participant) const;
 
   /// The library has received an announcement that `admits` let pass. If the participant has not proved its identity
   /// within kMaxHandshake of its first one, writes this to the audit log.
@@ -152,13 +153,13 @@ class Members {
   [[nodiscard]] static bool may_forget(const Participant& participant, std::int64_t now_ns);
   [[nodiscard]] bool has_room(const std::string& address) const;
   [[nodiscard]] bool make_room(const std::string& address);
-  /// The event of the audit log that refuses a sample; null if it is not refused.
-  [[nodiscard]] static bool is_sender(const Participant& author, const Certificate& certificate, const Claim& claim);
+  [[nodiscard]] bool is_sender(const Participant& author, const Certificate& certificate, const Claim& claim) const;
   [[nodiscard]] static bool states_own_name(const Certificate& certificate, const Claim& claim);
-  [[nodiscard]] static bool may_be_diverted(const Participant& author, const Certificate& certificate) noexcept;
-  void learn_name(Certificate& certificate, const keys::GuidBegin& begin, const Claim& claim);
-  [[nodiscard]] static const char* refusal_of(const Participant& author, const Certificate& certificate,
-                                              const Claim& claim, const char* topic);
+  [[nodiscard]] static bool may_be_diverted(const Participant& author) noexcept;
+  static void learn_name(Certificate& certificate, const Claim& claim);
+  /// The event of the audit log that refuses a sample; null if it is not refused.
+  [[nodiscard]] const char* refusal_of(const Participant& author, const Certificate& certificate, const Claim& claim,
+                                       const char* topic) const;
   [[nodiscard]] static bool has_permitted_users(const Certificate& certificate, const session::RosterEntry& entry);
   void count_refused(Certificate& certificate);
   void cut_off(Certificate& certificate, const char* why);

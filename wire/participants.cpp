@@ -319,8 +319,9 @@ void Participants::Impl::report_invalid(const GuidPrefix& participant, const cha
 } catch (...) {  // out of memory: the audit log lacks an event
 }
 
-std::uint64_t Participants::Impl::author_of(const dds::SampleInfo& sample) const {
-  return security == nullptr ? 0 : security->members().id_of(prefix_of(sample.sample_identity.writer_guid()));
+std::vector<std::uint64_t> Participants::Impl::authors_of(const dds::SampleInfo& sample) const {
+  if (security == nullptr) return {};
+  return security->members().ids_of(prefix_of(sample.sample_identity.writer_guid()));
 }
 
 dds::Topic& Participants::Impl::topic(const char* name, TrafficClass traffic, dds::TypeSupport type) {

@@ -201,16 +201,18 @@ haptics::ContactImpedance Bodies::stable_impedance(const session::Material& mate
 }
 
 /// A stale pose and a fault make a force zero at once.
-Vec3d Bodies::slewed(const Vec3d& wanted, const Vec3d& felt, double max_slew, ProbeOutput& output) const noexcept {
+Vec3d Bodies::slewed(const Vec3d& wanted, const Vec3d& felt, double max_slew, const haptics::ForceRenderer& renderer,
+                     ProbeOutput& output) const noexcept {
   constexpr double kRounding = 1 + 1e-9;  // the renderer has limited its force in the same way
   const double max_change = max_slew * settings_.period;
-  if (wanted.isZero(0) || (wanted - felt).norm() <= max_change * kRounding) return wanted;
+  const bool must_end = (output.status & session::kFault) != 0 || renderer.strength() <= 0;
+  if ((must_end && wanted.isZero(0)) || (wanted - felt).norm() <= max_change * kRounding) return wanted;
   output.status |= session::kForceRamped;
   return haptics::slewed(wanted, felt, max_change);
 }
 
-/// Limits what the passivity controller adds to a force or torque. It may reduce it at once, but its damping may not
-/// change it faster than other forces, and does not act where no force is wanted.
+/// The passivity controller may reduce a force at once. The damping that it adds obeys the limit on the change of a
+/// force, and does not act where no force is wanted.
 Vec3d Bodies::damped(const Vec3d& allowed, const Vec3d& wanted, const Vec3d& felt, double max_slew) const noexcept {
   if (wanted.isZero(0)) return wanted;
   const Vec3d limited = haptics::slewed(allowed, felt, max_slew * settings_.period);
@@ -223,7 +225,7 @@ Vec3d Bodies::limit_force(const Cycle& cycle, std::uint32_t probe, const Vec3d& 
                           ProbeOutput& output) noexcept {
   const Vec3d limited = clamp_factor(force.norm(), cycle.renderer(probe).max_force()) * force;
   const double max_slew = settings_.force.max_slew;
-  const Vec3d wanted = slewed(limited, felt_[probe].force, max_slew, output);
+  const Vec3d wanted = slewed(limited, felt_[probe].force, max_slew, cycle.renderer(probe), output);
   Vec3d allowed = ports_[probe].step(wanted, device.position, energy_to_body, settings_.period, true, stored);
   allowed = damped(allowed, wanted, felt_[probe].force, max_slew);
   allowed *= clamp_factor(allowed.norm(), cycle.renderer(probe).max_force());
@@ -238,7 +240,7 @@ Vec3d Bodies::limit_torque(const Cycle& cycle, std::uint32_t probe, const Vec3d&
   const double energy_to_body = std::exchange(rotational.energy_to_body, 0);
   const Vec3d limited = clamp_factor(torque.norm(), cycle.renderer(probe).max_torque()) * torque;
   const double max_slew = settings_.force.max_torque_slew;
-  const Vec3d wanted = slewed(limited, felt_[probe].torque, max_slew, output);
+  const Vec3d wanted = slewed(limited, felt_[probe].torque, max_slew, cycle.renderer(probe), output);
   Vec3d allowed = rotational.port.step(wanted, rotational.angle, energy_to_body, settings_.period, control, stored);
   allowed = damped(allowed, wanted, felt_[probe].torque, max_slew);
   allowed *= clamp_factor(allowed.norm(), cycle.renderer(probe).max_torque());
@@ -303,7 +305,8 @@ void Bodies::limit_tool(const Cycle& cycle, std::uint32_t p, const haptics::Devi
   Vec3d force = with_rest_length(vec(output.force), pushed(stiffness * tool.displacement), wanted, renderer.strength(),
                                  renderer.max_force());
   const double factor = rest_factor(spring, length, rest);
-  output.torque = plain(slewed(factor * vec(output.torque), felt_[p].torque, settings_.force.max_torque_slew, output));
+  output.torque = plain(
+      slewed(factor * vec(output.torque), felt_[p].torque, settings_.force.max_torque_slew, cycle.renderer(p), output));
   const double share = force_share(force.norm(), wanted.norm());
   force -= share * damping * (relative - relative.dot(tool.normal) * tool.normal);
   output.force = plain(limit_force(cycle, p, force, device, energy_to_body, spring.energy(length), output));
@@ -409,8 +412,9 @@ void Bodies::limit_at_bodies(const Cycle& cycle, const std::array<ProbeInput, kM
     if (hand.object != object_before || has_fault || !hand.is_hold) rotational.limiter.reset();
     if (hand.body == kMaxBodies) {
       // The renderer limits the change of its own force; the hand may have felt another one at a body.
-      output.force = plain(slewed(force, felt_[p].force, settings_.force.max_slew, output));
-      output.torque = plain(slewed(torque, felt_[p].torque, settings_.force.max_torque_slew, output));
+      output.force = plain(slewed(force, felt_[p].force, settings_.force.max_slew, cycle.renderer(p), output));
+      output.torque =
+          plain(slewed(torque, felt_[p].torque, settings_.force.max_torque_slew, cycle.renderer(p), output));
       (void)ports_[p].step(Vec3d::Zero(), device.position, energy_to_body, settings_.period, false);
     } else if (has_fault) {
       hand.spring = {};

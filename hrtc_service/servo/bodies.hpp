@@ -179,9 +179,9 @@ class Bodies {
                                                            const haptics::DeviceState& device) const noexcept;
   [[nodiscard]] Vec3d damped(const Vec3d& allowed, const Vec3d& wanted, const Vec3d& felt,
                              double max_slew) const noexcept;
-  /// Limits the change of a force or torque in a cycle, unless it is zero. `max_slew`: N/s or N m/s.
+  /// Limits the change of a force or torque in a cycle. `max_slew`: N/s or N m/s.
   [[nodiscard]] Vec3d slewed(const Vec3d& wanted, const Vec3d& felt, double max_slew,
-                             ProbeOutput& output) const noexcept;
+                             const haptics::ForceRenderer& renderer, ProbeOutput& output) const noexcept;
   /// Returns the part of a force on the hand that its maximum change and its port permit. `stored`: energy in the
   /// spring, J.
   [[nodiscard]] Vec3d limit_force(const Cycle& cycle, std::uint32_t probe, const Vec3d& force,

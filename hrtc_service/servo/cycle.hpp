@@ -202,8 +202,8 @@ class Cycle {
   }
   /// Returns the number of changes of `objects`.
   [[nodiscard]] std::uint64_t objects_changed() const noexcept { return objects_changed_; }
-  /// Returns whether a probe whose proxy is at `proxy` may touch a movable object, also beside another one: whether it
-  /// intersects the bounds of the object.
+  /// Returns whether the probe at `proxy` intersects the bounds of a movable object. It may then touch that object,
+  /// even if its output names another one.
   [[nodiscard]] bool is_at_movable(std::uint32_t probe, const Vec3d& proxy) const noexcept;
   // The state of a probe after the last `touch`. Benchmarks copy it to compute the force for another pose or mesh. The
   // surface is valid until the next `touch`.

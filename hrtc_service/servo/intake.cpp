@@ -129,7 +129,7 @@ void Intake::attach_if_requested() {
 /// Answers which regions of a kept object are loaded. Returns true if no answer is missing.
 bool Intake::answer_loaded_regions() {
   while (kept_object_ != spm::kNone && objects_.find(kept_object_) != nullptr) {
-    const spm::Cache::Place at = objects_.cache().next_loaded(objects_.cache_index(kept_object_), next_block_);
+    const spm::Cache::LoadedAt at = objects_.cache().next_loaded(objects_.cache_index(kept_object_), next_block_);
     if (at.region == spm::kNone) break;
     if (answers_.space() == 0) return false;
     next_block_ = spm::BlockIndex{spm::index(at.block) + 1};

@@ -68,7 +68,7 @@ class Intake {
   std::uint32_t attached_ = 0;                         // newest attach that is answered
   std::array<bool, kMaxObjects> waits_for_gateway_{};  // there before the attach, and not sent by the new gateway yet
   std::uint32_t kept_object_ = spm::kNone;             // whose regions are being answered
-  spm::BlockIndex next_block_{};                       // next place of that object's regions (spm::Cache::Place)
+  spm::BlockIndex next_block_{};                       // where the search for its next loaded region begins
 };
 
 }  // namespace tactus::hrtc_service

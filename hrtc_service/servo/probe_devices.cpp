@@ -89,10 +89,12 @@ void ProbeDevices::read(std::int64_t now_ns, std::array<ProbeInput, kMaxProbes>&
 }
 
 /// The force is zero while the clutch is down. In the world it may be at its limits when the clutch is released.
-void ProbeDevices::write_local(Probe& probe, const Vec3d& force, const Vec3d& torque) const noexcept {
+void ProbeDevices::write_local(Probe& probe, const ProbeOutput& output) const noexcept {
+  const Vec3d force = vec(output.force), torque = vec(output.torque);
+  const bool has_fault = (output.status & session::kFault) != 0;
   Vec3d at_hand = probe.strength * probe.frame.force_to_device(force);
   if (const double size = at_hand.norm(); size > limits_.max_force) at_hand *= limits_.max_force / size;
-  if (probe.frame.scale() > 1 && !at_hand.isZero(0))
+  if (probe.frame.scale() > 1 && probe.strength > 0 && !has_fault)
     at_hand = haptics::slewed(at_hand, probe.written, limits_.max_slew * limits_.period);
   probe.written = at_hand;
   probe.local->write_wrench(at_hand, probe.strength * probe.frame.torque_to_device(torque));
@@ -101,11 +103,10 @@ void ProbeDevices::write_local(Probe& probe, const Vec3d& force, const Vec3d& to
 void ProbeDevices::write(const std::array<ProbeOutput, kMaxProbes>& outputs) noexcept {
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     Probe& probe = probes_[i];
-    const Vec3d force = vec(outputs[i].force), torque = vec(outputs[i].torque);
     if (probe.local != nullptr)
-      write_local(probe, force, torque);
+      write_local(probe, outputs[i]);
     else if (probe.hand)
-      probe.hand->write_wrench(force, torque);
+      probe.hand->write_wrench(vec(outputs[i].force), vec(outputs[i].torque));
   }
 }
 

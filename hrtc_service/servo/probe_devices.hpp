@@ -71,7 +71,7 @@ class ProbeDevices {
   void take_path(Probe& probe) noexcept;
   void take_pose(Probe& probe, std::int64_t now_ns) noexcept;
   void read_local(Probe& probe, std::int64_t now_ns, ProbeInput& input) const noexcept;
-  void write_local(Probe& probe, const Vec3d& force, const Vec3d& torque) const noexcept;
+  void write_local(Probe& probe, const ProbeOutput& output) const noexcept;
 
   HandLimits limits_;
   MailboxReader<ProbeOrders> orders_;

@@ -72,7 +72,7 @@ void Servo::age_without_gateway(std::int64_t now_ns) noexcept {
   silence_ = has_new_heartbeat || heartbeats == 0 ? 0 : silence_ + std::clamp(passed, 0.0, 2 * period_);
   if (!watches_gateway_ || silence_ <= kSilence) return;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
-    const bool is_movable = cycle_.is_at_movable(i, vec(outputs_[i].proxy));
+    const bool is_movable = cycle_.can_move(outputs_[i].object) || cycle_.is_at_movable(i, vec(outputs_[i].proxy));
     const double late = silence_ - (is_movable ? kSilence : gateway_patience_);
     if (late <= 0) continue;
     const double share = late / (is_movable ? kMovableFade : kFixedFade);

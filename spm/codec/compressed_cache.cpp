@@ -11,7 +11,7 @@ namespace tactus::spm::codec {
 namespace {
 
 constexpr std::uint16_t kMaxLists = 0xffff;
-static_assert(ReceivedRecords::kMaxBytes == kReceivedSampleBytes);
+static_assert(ReceivedRecords::kMaxBytes == kReceivedRecordsBytes);
 
 }  // namespace
 

@@ -26,7 +26,7 @@ wire::Members& members() {
     return authority.add(desk);
   }();
   static wire::AuditLog audit{folder.path() / "audit.jsonl", "lab", "desk"};
-  static wire::Members all{keys_of_desk, keys::read_member(keys_of_desk, std::time(nullptr)), audit};
+  static wire::Members all{keys_of_desk, keys::read_member(keys_of_desk, std::time(nullptr)), "desk", audit};
   return all;
 }
 

@@ -125,6 +125,7 @@ TEST_P(LocalDeviceTest, TheForceAtTheHandHasTheLimitsOfTheHrtc) {
   if (GetParam() > 1) {
     EXPECT_LE(max_change_, limits_.max_slew * limits_.period + 1e-9);
   }
+  outputs_[0].status = session::kFault;
   step(0);
   EXPECT_EQ(device_.written.norm(), 0) << "a fault ends the force at once";
 }

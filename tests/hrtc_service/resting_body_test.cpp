@@ -401,8 +401,13 @@ TEST(BodyOnGround, TheForceChangesByAtMostFiveNewtonsInACycle) {
   }
 }
 
-// Without friction, only the damper of the movable box acts along the surface. It ends where the fixed box begins.
-TEST(BodyBesideFixedObject, TheForceChangesByAtMostFiveNewtonsInACycleWhenATipSlidesFromOneToTheOther) {
+// Without friction, only the damper of the movable box acts along the surface. It ends where the fixed box or the air
+// begins.
+class BodyBesideFixedObject : public ::testing::TestWithParam<bool> {};
+
+TEST_P(BodyBesideFixedObject, TheForceChangesByAtMostFiveNewtonsInACycleWhenATipSlidesOffTheBody) {
+  const bool to_fixed = GetParam();
+  const double direction = to_fixed ? -1 : 1;
   constexpr double kHalf = 0.03, kSpeed = 1.4, kMaxChange = 5, kDepth = 0.007;  // m, m/s, N, m
   const spm::offline::BuiltModel box = spm::offline::build_model(box_mesh(kHalf));
   LocalSession session{
@@ -426,7 +431,7 @@ TEST(BodyBesideFixedObject, TheForceChangesByAtMostFiveNewtonsInACycleWhenATipSl
     return output.object;
   };
   // The movable box falls once it is touched, so the hand is fast.
-  Vec3d hand{1.3 * kHalf, 0, kHalf + 0.01};
+  Vec3d hand{(2 + 0.7 * direction) * kHalf, 0, kHalf + 0.01};
   for (int cycle = 0; cycle < 600; ++cycle) (void)run_cycle(hand, Vec3d::Zero());
   std::uint32_t object = 1;
   while (hand.z() > kHalf + 0.003 - kDepth) {
@@ -435,15 +440,17 @@ TEST(BodyBesideFixedObject, TheForceChangesByAtMostFiveNewtonsInACycleWhenATipSl
   }
   ASSERT_EQ(object, 1u);
   ASSERT_GT(force.z(), kMaxChange);
-  while (hand.x() > 0.5 * kHalf) {
-    hand.x() -= 1e-3 * kSpeed;
-    object = run_cycle(hand, {-kSpeed, 0, 0});
+  for (int cycle = 0; cycle < 18; ++cycle) {
+    hand.x() += direction * 1e-3 * kSpeed;
+    object = run_cycle(hand, {direction * kSpeed, 0, 0});
   }
-  EXPECT_EQ(object, 0u);
+  EXPECT_EQ(object, to_fixed ? 0u : spm::kNone);
   EXPECT_GT(along, kMaxChange);
   EXPECT_LE(max_change, kMaxChange + 1e-9);
-  EXPECT_NEAR(force.z(), 1000 * kDepth, 0.5);
+  EXPECT_NEAR(force.z(), to_fixed ? 1000 * kDepth : 0, 0.5);
 }
+
+INSTANTIATE_TEST_SUITE_P(ToFixedObjectOrAir, BodyBesideFixedObject, ::testing::Bool());
 
 TEST(BodyOnGround, ABoxThatIsFarFromItsStartPassesNoHandOnItsWay) {
   for (const bool has_tool : {false, true}) {

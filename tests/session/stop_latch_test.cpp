@@ -101,7 +101,7 @@ TEST(StopLatch, AStopIsAcknowledgedOnlyIfItStandsOrAResetHasEndedIt) {
   EXPECT_FALSE(acknowledges_with(2, 2));
   EXPECT_TRUE(acknowledges_with(3, 2)) << "it stands";
   EXPECT_TRUE(acknowledges_with(3, 3));
-  EXPECT_TRUE(acknowledges_with(4, 3)) << "a later stop stands";
+  EXPECT_FALSE(acknowledges_with(4, 3)) << "not of the issuer, which repeats only its newest stop";
   EXPECT_FALSE(acknowledges_with(3, 0xffffffff)) << "the program had ended the stop before it received it";
 }
 
@@ -306,6 +306,21 @@ TEST(StopLatch, AStopThatAnotherProgramStatedDoesNotReplaceThoseOfItsIssuer) {
       EXPECT_FALSE(latch.stopped());
     }
   }
+}
+
+TEST(StopLatch, AResetOfAStopThatAnotherProgramStatedEndsNoStopOfItsIssuer) {
+  StopLatch latch{origin(1)}, liar{origin(5)};
+  (void)liar.on_stop(stop(2, 0xffffffff));
+  (void)latch.on_roster(entry(5, liar));
+  const ForceReset sent = reset(3, 1, standing_stops(latch.records()));
+  EmergencyStop issued;
+  issued.origin = origin(2);
+  issued.number = 1;
+  EXPECT_FALSE(acknowledges(entry(1, latch), issued)) << "it has not arrived";
+  (void)latch.on_stop(issued.name());
+  EXPECT_TRUE(acknowledges(entry(1, latch), issued));
+  (void)latch.on_reset(sent);
+  EXPECT_TRUE(latch.stopped());
 }
 
 TEST(StopLatch, AppliesNoStopsFromTheRosterOfAProgramThatRendersNoForceAndServesNoObject) {

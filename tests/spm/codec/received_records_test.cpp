@@ -26,7 +26,7 @@ std::vector<std::uint32_t> shuffled(std::uint32_t count, std::mt19937& random) {
 
 TEST(ReceivedRecords, IsExactForASmallModel) {
   std::mt19937 random{1};
-  std::vector<std::uint32_t> records = shuffled(ReceivedRecords::kMaxSample - 1, random);
+  std::vector<std::uint32_t> records = shuffled(ReceivedRecords::kMaxStored - 1, random);
   ReceivedRecords received;
   EXPECT_EQ(add_all(received, records), 0u);
   records.resize(1000);
@@ -50,21 +50,21 @@ TEST(ReceivedRecords, EstimatesTheRecordsOfALargeModelThatComeAgain) {
     const std::uint32_t share = 3;  // a third comes again: in runs, as in the lists of regions
     std::erase_if(records, [](std::uint32_t record) { return record / 500 % share != 0; });
     const auto expected = static_cast<double>(records.size());
-    const double counted = std::min(expected, ReceivedRecords::kMaxSample / 2.0 / share);
+    const double counted = std::min(expected, ReceivedRecords::kMaxStored / 2.0 / share);
     EXPECT_NEAR(static_cast<double>(add_all(received, records)), expected, 5 * expected / std::sqrt(counted)) << count;
   }
 }
 
 // A host could choose ids whose hashes all begin with zeros.
-TEST(ReceivedRecords, TheSampleStaysSmallWithAnyIds) {
+TEST(ReceivedRecords, TheSubsetStaysSmallWithAnyIds) {
   ReceivedRecords received;
-  std::vector<std::uint32_t> in_sample;
+  std::vector<std::uint32_t> in_subset;
   constexpr std::uint64_t kGoldenRatio = 0x9e3779b97f4a7c15ull;
-  for (std::uint32_t record = 0; in_sample.size() < 20'000; ++record)
-    if (record * kGoldenRatio >> 56 == 0) in_sample.push_back(record);
-  add_all(received, in_sample);
-  EXPECT_LE(received.sample_size(), ReceivedRecords::kMaxSample);
-  EXPECT_GT(received.sample_size(), 0u);
+  for (std::uint32_t record = 0; in_subset.size() < 20'000; ++record)
+    if (record * kGoldenRatio >> 56 == 0) in_subset.push_back(record);
+  add_all(received, in_subset);
+  EXPECT_LE(received.stored(), ReceivedRecords::kMaxStored);
+  EXPECT_GT(received.stored(), 0u);
 }
 
 }  // namespace
