@@ -91,7 +91,7 @@ class LocalDeviceTest : public testing::TestWithParam<double> {
   std::int64_t now_ns_ = 1'000'000'000;
   DeviceLink link_;
   LocalDevice device_;
-  const HandLimits limits_;
+  const HandLimits limits_{};
   ProbeDevices devices_{
       link_, {&device_}, haptics::DeviceFrame{Eigen::Quaterniond::Identity(), Vec3d::Zero(), GetParam()}, limits_};
   std::array<ProbeInput, kMaxProbes> inputs_;
