@@ -281,8 +281,11 @@ bool Members::states_own_name(const Certificate& certificate, const Claim& claim
 }
 
 /// Returns whether forged announcements may have kept the id of a program out of Participant::ids. Then its samples do
-/// not count until one states its name, and it is not cut off for them.
-bool Members::may_be_diverted(const Participant& author) noexcept { return author.ids.size() == Participant::kMaxIds; }
+/// not count until one states its name, and it is not cut off for them. A program states its name within a second.
+bool Members::may_be_diverted(const Participant& author) {
+  return author.ids.size() == Participant::kMaxIds &&
+         realtime::monotonic_ns() - author.recorded_ns < std::chrono::nanoseconds{kMaxUnprovedTime}.count();
+}
 
 /// Stores the id of a program whose sample states its name.
 void Members::learn_name(Certificate& certificate, const Claim& claim) {

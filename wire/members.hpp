@@ -155,7 +155,7 @@ class Members {
   [[nodiscard]] bool make_room(const std::string& address);
   [[nodiscard]] bool is_sender(const Participant& author, const Certificate& certificate, const Claim& claim) const;
   [[nodiscard]] static bool states_own_name(const Certificate& certificate, const Claim& claim);
-  [[nodiscard]] static bool may_be_diverted(const Participant& author) noexcept;
+  [[nodiscard]] static bool may_be_diverted(const Participant& author);
   static void learn_name(Certificate& certificate, const Claim& claim);
   /// The event of the audit log that refuses a sample; null if it is not refused.
   [[nodiscard]] const char* refusal_of(const Participant& author, const Certificate& certificate, const Claim& claim,
