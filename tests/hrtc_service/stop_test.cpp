@@ -238,6 +238,7 @@ TEST_F(EmergencyStop, AStopInTheRosterEntryOfAPeerZeroesTheForce) {
   hrtc_service::StopSwitch stops{session::Origin{kSession, kHrtc, 1, 0}, core_.link()};
   session::RosterEntry peer;
   peer.origin = {kSession, kHost, 1, 0};
+  peer.role = session::Role::kHost;
   peer.stops = {{50, 1, 1, 0, 0}};
 
   EXPECT_TRUE(stops.on_roster(peer));
