@@ -10,10 +10,11 @@ bool stands(const StopRecord& record) noexcept { return record.stop > record.end
 bool has_stop(const StopRecord& record) noexcept { return record.stop != 0; }
 bool has_reset(const StopRecord& record) noexcept { return record.reset != 0; }
 
-template <class Records>
-auto find_in(Records& records, std::uint64_t participant, std::uint64_t incarnation) {
-  return std::find_if(records.begin(), records.end(), [&](const StopRecord& record) {
-    return record.participant == participant && record.incarnation == incarnation;
+/// Finds the record or the name of an issuer.
+template <class Items>
+auto find_in(Items& items, std::uint64_t participant, std::uint64_t incarnation) {
+  return std::find_if(items.begin(), items.end(), [&](const auto& item) {
+    return item.participant == participant && item.incarnation == incarnation;
   });
 }
 
@@ -98,9 +99,7 @@ void StopLatch::issue_stop() {
 
 /// Returns whether the issuer itself has sent no stop with this number or a larger one before.
 bool StopLatch::is_first_from_issuer(const StopName& stop) {
-  const auto known = std::find_if(direct_.begin(), direct_.end(), [&](const StopName& other) {
-    return other.participant == stop.participant && other.incarnation == stop.incarnation;
-  });
+  const auto known = find_in(direct_, stop.participant, stop.incarnation);
   if (known != direct_.end()) {
     const bool is_first = stop.number > known->number;
     known->number = std::max(known->number, stop.number);
@@ -177,9 +176,7 @@ std::vector<StopName> standing_stops(const Roster& roster) {
   std::vector<StopName> all;
   roster.for_each([&](const RosterEntry& entry) {
     for (const StopName& stop : standing_stops(entry.stops)) {
-      const auto known = std::find_if(all.begin(), all.end(), [&](const StopName& other) {
-        return other.participant == stop.participant && other.incarnation == stop.incarnation;
-      });
+      const auto known = find_in(all, stop.participant, stop.incarnation);
       if (known == all.end())
         all.push_back(stop);
       else

@@ -187,8 +187,8 @@ class Bodies {
   [[nodiscard]] Vec3d limit_force(const Cycle& cycle, std::uint32_t probe, const Vec3d& force,
                                   const haptics::DeviceState& device, double energy_to_body, double stored,
                                   ProbeOutput& output) noexcept;
-  /// Returns the part of a torque on the hand that its maximum change and its rotational port permit. If `control` is false, the port only
-  /// observes the energy.
+  /// Returns the part of a torque on the hand that its maximum change and its rotational port permit. If `control` is
+  /// false, the port only observes the energy.
   [[nodiscard]] Vec3d limit_torque(const Cycle& cycle, std::uint32_t probe, const Vec3d& torque, bool control,
                                    double stored, ProbeOutput& output) noexcept;
   /// Returns the rest length of a probe's spring by SpringLimiter, m. `length`: distance of hand and body, m.
