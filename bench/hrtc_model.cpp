@@ -52,7 +52,7 @@ spm::RegionData HrtcModel::message(spm::RegionId region, bool all_records) const
       else
         sent.push_back({record, 1});
     }
-  auto decoded = spm::codec::decode_region(spm::codec::encode_region(encoded_.compressed(), region, sent),
+  auto decoded = spm::codec::decode_region(*spm::codec::encode_region(encoded_.compressed(), region, sent),
                                            model_.summary, encoded_.compressed().tables());
   if (!decoded) throw std::runtime_error("region " + std::to_string(index(region)) + ": " + decoded.error().text);
   return std::move(*decoded);

@@ -21,8 +21,7 @@ LoadedModel load_model(const std::string& path, std::uint32_t faces) {
   using namespace spm::offline;
   LoadedModel loaded;
   if (!path.empty() && is_model_file(path)) {
-    const auto decoded = std::make_shared<spm::OwnedModel>();
-    static_cast<void>(MappedModel{path, decoded.get()});
+    const auto decoded = std::make_shared<const spm::OwnedModel>(MappedModel{path}.decode());
     loaded.name = path;
     loaded.model = decoded->model();
     loaded.owner = decoded;

@@ -84,7 +84,7 @@ void measure(Report& report, const std::string& name, const spm::Model& model, c
   std::vector<Bytes> messages;
   std::uint64_t records = 0;
   for (std::uint32_t r = 0; r < model.summary.regions; ++r) {
-    messages.push_back(encode_region(compressed, spm::RegionId{r}, model.intervals_of(spm::RegionId{r})));
+    messages.push_back(*encode_region(compressed, spm::RegionId{r}, model.intervals_of(spm::RegionId{r})));
     records += model.regions[r].record_count;
   }
   const double decode = min_seconds(settings.repeats, [&] {

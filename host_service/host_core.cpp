@@ -204,7 +204,16 @@ const HostMessages& HostCore::tick(std::int64_t now_ns) {
   if (follows && request_due_.due(now_ns)) messages_.clock_request = clock_.request(now_ns);
   if (metrics_due_.due(now_ns)) messages_.metrics = metrics(now_ns);
   move_objects(now_ns);
+  report_damage();
   return messages_;
+}
+
+void HostCore::report_damage() {
+  for (const session::DeliveryServer::Damage& damage : delivery_.take_damage())
+    for (const session::CatalogueEntry& entry : catalogue_)
+      if (entry.object_id == damage.object_id)
+        report(Severity::kWarning, "object '" + entry.object + "': " + damage.text +
+                                       "; parts of its surface stay coarse until the host serves a sound file");
 }
 
 void HostCore::move_objects(std::int64_t now_ns) {

@@ -129,6 +129,7 @@ class HostCore {
   void add_receiver(const session::RosterEntry& entry);
   void make_scenery(const std::vector<HostedObject>& objects);
   void react(const session::RosterEvent& event, std::int64_t now_ns);
+  void report_damage();
   void move_objects(std::int64_t now_ns);
   [[nodiscard]] session::Origin origin(std::int64_t now_ns) const;
   void report(session::Severity severity, const std::string& text) const;

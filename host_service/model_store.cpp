@@ -136,7 +136,9 @@ auto unless_stopped(const std::atomic<bool>& stop, const ModelStore::Log& log, W
 std::optional<MappedModel> open_cached(const std::filesystem::path& path, LogLines& lines) {
   if (!std::filesystem::exists(path)) return std::nullopt;
   try {
-    return MappedModel{path};
+    MappedModel model{path};
+    model.check_checksums();
+    return model;
   } catch (const ModelError& error) {
     lines.add(std::string{"the cached model is invalid and will be built again: "} + error.what());
     return std::nullopt;

@@ -68,13 +68,14 @@ Scenery::Scenery(const std::vector<StaticObject>& objects, std::uint32_t slots)
 }
 Scenery::~Scenery() = default;
 
-bool Scenery::load(Object& object, spm::RegionId region) {
+spm::AcceptResult Scenery::load(Object& object, spm::RegionId region) {
   spm::RegionList list;
-  if (!spm::codec::load_region(*object.model, region, cache_, object.index, list)) return false;
+  const spm::AcceptResult result = spm::codec::load_region(*object.model, region, cache_, object.index, list);
+  if (result != spm::AcceptResult::kAccepted) return result;
   object.forest->add(region, list);
   object.loaded_regions.push_back(region);
   ++regions_loaded_;
-  return true;
+  return result;
 }
 
 /// Releases every region that is not in `wanted`.
@@ -112,7 +113,9 @@ void Scenery::refine_around(const std::vector<Vec3d>& points) {
     for (const spm::RegionId region : wanted[i]) {
       if (full || loaded == kMaxNew) break;
       if (object.forest->is_loaded(region)) continue;
-      full = !load(object, region);
+      const spm::AcceptResult result = load(object, region);
+      if (result == spm::AcceptResult::kMalformed) continue;  // damaged: stays coarse
+      full = result == spm::AcceptResult::kPoolFull;
       ++loaded;
     }
   }

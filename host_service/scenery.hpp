@@ -46,7 +46,7 @@ class Scenery {
  private:
   struct Object;
 
-  [[nodiscard]] bool load(Object& object, spm::RegionId region);
+  spm::AcceptResult load(Object& object, spm::RegionId region);
   void release_unwanted(const std::vector<std::vector<spm::RegionId>>& wanted);
 
   spm::Pool pool_;

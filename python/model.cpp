@@ -243,7 +243,7 @@ py::dtype record_type(std::initializer_list<Field> fields, std::size_t bytes) {
   return {names, formats, offsets, static_cast<py::ssize_t>(bytes)};
 }
 
-SharedModel::SharedModel(const std::filesystem::path& path) : file_{std::in_place, path, &arrays_} {
+SharedModel::SharedModel(const std::filesystem::path& path) : file_{std::in_place, path}, arrays_{file_->decode()} {
   provenance_ = file_->provenance();
 }
 

@@ -45,8 +45,8 @@ class SharedModel {
   [[nodiscard]] std::vector<std::array<std::uint32_t, 3>> refined_faces(std::span<const std::int64_t> regions) const;
 
  private:
-  spm::OwnedModel arrays_;
   std::optional<spm::offline::MappedModel> file_;
+  spm::OwnedModel arrays_;
   spm::offline::Provenance provenance_;
   mutable std::once_flag base_once_, finest_once_, encoded_once_, grid_once_;
   mutable std::vector<std::array<std::uint32_t, 3>> base_, finest_;

@@ -65,7 +65,7 @@ DeliveryServer::DeliveryServer(const Origin& self, std::size_t chunk_bytes) : se
 
 void DeliveryServer::add(std::uint64_t object_id, const spm::codec::CompressedModel& model) {
   const std::span<const std::uint8_t> base = model.spans().base;
-  objects_.insert_or_assign(object_id, Object{model, checksum_of(base)});
+  objects_.insert_or_assign(object_id, Object{model, checksum_of(base), {}, {}});
 }
 
 std::uint32_t DeliveryServer::base_bytes(std::uint64_t object_id) const {
@@ -247,7 +247,8 @@ void DeliveryServer::compare(HrtcState& state, Service& service, const Object& o
   for (const Wanted& w : demand.wanted) {
     if (Message* current = service.partly_sent(); current != nullptr && current->region == w.region)
       current->contact_in_us = w.contact_in_us;
-    if (contains(demand.have, w.region) || !seen.insert(w.region).second) continue;
+    if (contains(demand.have, w.region) || object.damaged_regions.count(w.region) != 0) continue;
+    if (!seen.insert(w.region).second) continue;
     service.to_send.push_back(w);
   }
   std::stable_sort(service.to_send.begin(), service.to_send.end(),
@@ -278,27 +279,49 @@ std::optional<std::uint32_t> DeliveryServer::urgency(Service& service) {
   return service.to_send.back().contact_in_us;
 }
 
-/// Plans the next message, whose first piece fits into `free_bytes` bytes.
-void DeliveryServer::plan(Service& service, const Object& object, std::size_t free_bytes) const {
+/// Plans the next message, whose first piece fits into `free_bytes` bytes. Returns false if all wanted regions are
+/// damaged.
+bool DeliveryServer::plan(Service& service, std::uint64_t object_id, std::size_t free_bytes) {
+  const Object& object = objects_.at(object_id);
+  const auto cut = [&](std::size_t bytes, std::uint32_t region) {
+    return MessagePieces::cut(static_cast<std::uint32_t>(bytes), region, free_bytes, chunk_bytes_);
+  };
   Message message;
-  message.number = ++service.planned;
   if (service.demand.need_base) {
+    message.number = ++service.planned;
     message.contact_in_us = kBaseContactUs;
-    message.pieces = MessagePieces::cut(static_cast<std::uint32_t>(object.model.spans().base.size()), spm::kNone,
-                                        free_bytes, chunk_bytes_);
+    message.pieces = cut(object.model.spans().base.size(), spm::kNone);
     message.checksum = object.base_checksum;
-  } else {
+    service.messages.push_back(std::move(message));
+    return true;
+  }
+  while (!service.to_send.empty()) {
     const Wanted wanted = service.to_send.back();
     service.to_send.pop_back();
+    message.records = service.covered.missing(list_of(object.model, wanted.region));
+    auto encoded = spm::codec::encode_region(object.model, spm::RegionId{wanted.region}, message.records);
+    if (!encoded) {
+      add_damage(object_id, wanted.region, encoded.error().text);
+      continue;
+    }
+    service.encoded = std::move(*encoded);
+    message.number = ++service.planned;
     message.region = wanted.region;
     message.contact_in_us = wanted.contact_in_us;
-    message.records = service.covered.missing(list_of(object.model, wanted.region));
-    service.encoded = spm::codec::encode_region(object.model, spm::RegionId{wanted.region}, message.records);
-    message.pieces =
-        MessagePieces::cut(static_cast<std::uint32_t>(service.encoded.size()), wanted.region, free_bytes, chunk_bytes_);
+    message.pieces = cut(service.encoded.size(), wanted.region);
     message.checksum = checksum_of(service.encoded);
+    service.messages.push_back(std::move(message));
+    return true;
   }
-  service.messages.push_back(std::move(message));
+  return false;
+}
+
+void DeliveryServer::add_damage(std::uint64_t object_id, std::uint32_t region, const std::string& damage) {
+  Object& object = objects_.at(object_id);
+  object.damaged_regions.insert(region);
+  if (object.damage == damage) return;  // of most regions that need the same bytes
+  object.damage = damage;
+  damage_.push_back({object_id, damage});
 }
 
 /// Bytes of the chunks in flight and of the messages that arrived completely but are not in `have` yet.
@@ -379,10 +402,9 @@ Outgoing DeliveryServer::send_echo(std::uint64_t hrtc, HrtcState& state, Service
 Outgoing DeliveryServer::send_pieces(std::uint64_t hrtc, HrtcState& state, std::uint64_t object_id,
                                      std::int64_t now_ns) {
   Service& service = state.services.at(object_id);
-  const Object& object = objects_.at(object_id);
   BulkChunk chunk = make_chunk(state, service, now_ns);
   std::size_t free_bytes = chunk_bytes_;
-  while (auto piece = next_piece(state, service, object, chunk, free_bytes)) {
+  while (auto piece = next_piece(state, service, object_id, chunk, free_bytes)) {
     free_bytes -= header_bytes(piece->region, piece->count) + piece->payload.size();
     chunk.pieces.push_back(std::move(*piece));
     if (chunk.kind() == BulkKind::kBase) break;  // a chunk carries a base mesh or regions, not both
@@ -395,15 +417,16 @@ Outgoing DeliveryServer::send_pieces(std::uint64_t hrtc, HrtcState& state, std::
 }
 
 /// Returns the next piece that fits into `free_bytes` bytes of the chunk, or none, and registers it as in flight.
-std::optional<BulkPiece> DeliveryServer::next_piece(HrtcState& state, Service& service, const Object& object,
+std::optional<BulkPiece> DeliveryServer::next_piece(HrtcState& state, Service& service, std::uint64_t object_id,
                                                     const BulkChunk& chunk, std::size_t free_bytes) {
   if (free_bytes < kMinFreeBytes) return std::nullopt;
   Message* message = first_lost(service, free_bytes);
   const bool is_repeated = message != nullptr;
   if (!is_repeated && service.partly_sent() == nullptr) {
-    if (!chunk.pieces.empty() && (service.demand.need_base || service.to_send.empty())) return std::nullopt;
-    plan(service, object, free_bytes);
+    if (!chunk.pieces.empty() && service.demand.need_base) return std::nullopt;
+    if (!plan(service, object_id, free_bytes)) return std::nullopt;
   }
+  const Object& object = objects_.at(object_id);
   if (!is_repeated) message = service.partly_sent();
   if (!chunk.pieces.empty() && message->region == spm::kNone) return std::nullopt;
   if (!is_repeated && !message->fits(message->sent_pieces, free_bytes)) return std::nullopt;
@@ -417,7 +440,9 @@ std::optional<BulkPiece> DeliveryServer::next_piece(HrtcState& state, Service& s
   if (message->region == spm::kNone) {
     bytes = object.model.spans().base;
   } else if (is_repeated && message != service.partly_sent()) {
-    encoded = spm::codec::encode_region(object.model, spm::RegionId{message->region}, message->records);
+    auto again = spm::codec::encode_region(object.model, spm::RegionId{message->region}, message->records);
+    if (!again) return std::nullopt;  // not possible: `plan` has checked these bytes
+    encoded = std::move(*again);
     bytes = std::span<const std::uint8_t>{encoded};
   }
   if (is_repeated) {

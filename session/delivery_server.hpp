@@ -23,6 +23,8 @@
 /// lost pieces. A chunk carries the newest epoch that the server has received. It does not rely on regions that left
 /// `have` at this epoch or before.
 ///
+/// A region whose bytes are damaged is never sent: it stays coarse at every HRTC.
+///
 /// Order: HRTCs in round robin, chunk by chunk; the objects of one HRTC by soonest contact; lost pieces before new
 /// ones. A Pacer for each HRTC limits the bytes in flight and the rate.
 ///
@@ -37,6 +39,9 @@
 #include <functional>
 #include <map>
 #include <optional>
+#include <set>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "session/message_pieces.hpp"
@@ -104,6 +109,14 @@ class DeliveryServer {
   /// Time at which the next chunk may be due, after `next` has returned none.
   [[nodiscard]] std::int64_t due_ns() const noexcept { return due_ns_; }
 
+  /// Damaged bytes of an object, which a wanted region needs.
+  struct Damage {
+    std::uint64_t object_id = 0;
+    std::string text;
+  };
+  /// Returns the damage that `next` has found, each once.
+  [[nodiscard]] std::vector<Damage> take_damage() { return std::exchange(damage_, {}); }
+
   /// Payload bytes sent to this HRTC that it has not answered. `next` sends no pieces above its newest credit.
   [[nodiscard]] std::uint64_t bytes_in_flight(std::uint64_t hrtc) const;
   /// The pacer of an HRTC that has sent a demand; null for others.
@@ -117,6 +130,8 @@ class DeliveryServer {
   struct Object {
     spm::codec::CompressedModel model;
     std::uint32_t base_checksum = 0;
+    std::set<std::uint32_t> damaged_regions;  // found so far
+    std::string damage;                       // the last one found
   };
   struct Message {
     std::uint32_t number = 0;           // in the order of planning
@@ -181,13 +196,14 @@ class DeliveryServer {
   void add_covered_records(Service& service, const Object& object, std::uint32_t region) const;
   [[nodiscard]] static Message* first_lost(Service& service, std::size_t free_bytes = kMaxPayload);
   [[nodiscard]] static std::optional<std::uint32_t> urgency(Service& service);
-  void plan(Service& service, const Object& object, std::size_t free_bytes) const;
+  [[nodiscard]] bool plan(Service& service, std::uint64_t object_id, std::size_t free_bytes);
+  void add_damage(std::uint64_t object_id, std::uint32_t region, const std::string& damage);
   [[nodiscard]] static std::uint64_t unanswered(const HrtcState& state);
   [[nodiscard]] std::optional<Outgoing> next(std::uint64_t hrtc, HrtcState& state, std::int64_t now_ns);
   [[nodiscard]] Outgoing send_echo(std::uint64_t hrtc, HrtcState& state, Service& service, std::int64_t now_ns);
   [[nodiscard]] Outgoing send_pieces(std::uint64_t hrtc, HrtcState& state, std::uint64_t object_id,
                                      std::int64_t now_ns);
-  [[nodiscard]] std::optional<BulkPiece> next_piece(HrtcState& state, Service& service, const Object& object,
+  [[nodiscard]] std::optional<BulkPiece> next_piece(HrtcState& state, Service& service, std::uint64_t object_id,
                                                     const BulkChunk& chunk, std::size_t free_bytes);
   std::map<std::uint64_t, HrtcState>::iterator drop(std::map<std::uint64_t, HrtcState>::iterator state);
   [[nodiscard]] BulkChunk make_chunk(HrtcState& state, Service& service, std::int64_t now_ns);
@@ -204,6 +220,7 @@ class DeliveryServer {
   std::uint64_t last_served_ = 0;                             // HRTC of the last chunk
   std::map<std::uint32_t, std::uint32_t> dropped_sequences_;  // last sequence of each stream to a dropped HRTC
   std::int64_t due_ns_ = 0;
+  std::vector<Damage> damage_;  // until `take_damage`
   DeliveryCounters counters_;
 };
 

@@ -288,7 +288,7 @@ AuditReport audit_files(const std::filesystem::path& log_path, const std::filesy
                      spm_path.string());
   const bool has_spm = is_spm || !spm_path.empty();
   spm::OwnedModel decoded;
-  if (has_spm) static_cast<void>(spm::offline::MappedModel{is_spm ? model_path : spm_path, &decoded});
+  if (has_spm) decoded = spm::offline::MappedModel{is_spm ? model_path : spm_path}.decode();
   Original original{model_path.stem().string(), {}, {}};
   if (has_spm) original.model = decoded.model();
   if (is_spm) {

@@ -38,7 +38,7 @@ std::uint64_t bytes_of_worst_step(const spm::codec::CompressedModel& compressed,
                                   const spm::offline::Certificate& certificate) {
   std::uint64_t bytes = 0;
   for (const auto& [region, missing] : certificate.messages)
-    bytes += spm::codec::encode_region(compressed, region, std::span<const spm::Interval>{missing}).size();
+    bytes += spm::codec::encode_region(compressed, region, std::span<const spm::Interval>{missing})->size();
   return bytes;
 }
 

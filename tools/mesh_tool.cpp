@@ -146,8 +146,8 @@ int build(const Settings& settings, bool sized, const ToolStreams& streams) {
 }
 
 int info(const Settings& settings, const ToolStreams& streams) {
-  spm::OwnedModel decoded;
-  const MappedModel mapped{settings.file, &decoded};
+  const MappedModel mapped{settings.file};
+  const spm::OwnedModel decoded = mapped.decode();
   const Certificate certificate = certificate_of(settings, decoded.model());
   if (settings.json) {
     streams.out << info_json(decoded.model(), mapped.provenance(), certificate, &mapped.compressed()).dump(2) << "\n";
@@ -158,8 +158,7 @@ int info(const Settings& settings, const ToolStreams& streams) {
 }
 
 int check(const Settings& settings, const ToolStreams& streams) {
-  spm::OwnedModel decoded;
-  const MappedModel mapped{settings.file, &decoded};
+  const spm::OwnedModel decoded = MappedModel{settings.file}.decode();
   TriangleMesh original = import_mesh(settings.model, LossPolicy::kAllow);
   Verification result;
   {
@@ -195,8 +194,7 @@ int make(const Settings& settings, const ToolStreams& streams) {
 }
 
 int export_finest(const Settings& settings, const ToolStreams& streams) {
-  spm::OwnedModel decoded;
-  const MappedModel mapped{settings.file, &decoded};
+  spm::OwnedModel decoded = MappedModel{settings.file}.decode();
   TriangleMesh mesh;
   mesh.faces = finest_faces(decoded.model());
   mesh.positions = std::move(decoded.positions);

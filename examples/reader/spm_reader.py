@@ -12,6 +12,7 @@ import sys
 from xxh3 import MASK32, MASK64, u32, xxh3
 
 NONE = 0xFFFFFFFF
+BLOCK = 65536  # bytes of codes or lists with a checksum of their own
 
 
 class FormatError(Exception):
@@ -596,19 +597,22 @@ class Model:
 
 
 def read_sections(data):
-    """Returns the contents of the five sections: base mesh, codes, lists, sizes, statistics."""
-    require(len(data) >= 224 and data[:8] == b'tactSPM\n', 'found no .spm file')
+    """Returns the contents of the six sections: base mesh, codes, lists, sizes, statistics, checksums of blocks."""
+    require(len(data) >= 256 and data[:8] == b'tactSPM\n', 'found no .spm file')
     version, sections, size, checksum = struct.unpack_from('<2I2Q', data, 8)
-    require(version == 6, f'found file version {version}, expected 6')
-    require(sections == 5, f'found {sections} sections, expected 5')
+    require(version == 7, f'found file version {version}, expected 7')
+    require(sections == 6, f'found {sections} sections, expected 6')
     require(size == len(data), f'found {len(data)} bytes, expected {size}')
-    require(xxh3(data[:24] + bytes(8) + data[32:224]) == checksum, 'the header has a wrong checksum')
+    require(xxh3(data[:24] + bytes(8) + data[32:256]) == checksum, 'the header has a wrong checksum')
     contents = []
-    for i in range(5):
+    for i in range(6):
         kind, _, offset, size, checksum = struct.unpack_from('<2I3Q', data, 64 + 32 * i)
         require(kind == i + 1 and offset % 64 == 0 and offset + size <= len(data), f'section {i + 1} has a bad entry')
         contents.append(memoryview(data)[offset:offset + size])
         require(xxh3(contents[-1]) == checksum, f'section {i + 1} has a wrong checksum')
+    blocks = [section[at:at + BLOCK] for section in contents[1:3] for at in range(0, len(section), BLOCK)]
+    require(bytes(contents[5]) == b''.join(struct.pack('<Q', xxh3(block)) for block in blocks),
+            'section 6 has wrong checksums of blocks')
     return contents
 
 

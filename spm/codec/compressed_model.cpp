@@ -42,12 +42,36 @@ Result<CompressedModel> CompressedModel::open(const ModelSpans& spans) {
   return model;
 }
 
+std::string CompressedModel::list_damage(RegionId region) const {
+  if (!list_checksums_) return {};
+  return list_checksums_->damage(list_starts_[index(region)], list_starts_[index(region) + 1]);
+}
+
 std::vector<Interval> CompressedModel::intervals_of(RegionId region) const {
-  BitReader in{spans_.lists, list_starts_[index(region)]};
   std::vector<Interval> intervals;
+  if (!list_damage(region).empty()) return intervals;
+  BitReader in{spans_.lists, list_starts_[index(region)]};
   std::uint32_t total = 0;
   if (!get_intervals(in, tables(), summary().records, intervals, total).empty()) intervals.clear();
   return intervals;
+}
+
+std::string CompressedModel::damage(RegionId region, std::span<const Interval> records) const {
+  std::string found = list_damage(region);
+  if (!code_checksums_) return found;
+  for (auto interval = records.begin(); interval != records.end() && found.empty(); ++interval) {
+    const std::uint32_t first = interval->first / kRecordsPerBlock;
+    const std::uint32_t last = (interval->first + interval->count - 1) / kRecordsPerBlock;
+    found = code_checksums_->damage(block_starts_[first], block_starts_[last + 1]);
+  }
+  return found;
+}
+
+std::string CompressedModel::damage() const {
+  std::string found;
+  if (code_checksums_) found = code_checksums_->damage(0, 8 * std::uint64_t{spans_.codes.size()});
+  if (found.empty() && list_checksums_) found = list_checksums_->damage(0, 8 * std::uint64_t{spans_.lists.size()});
+  return found;
 }
 
 void CompressedModel::put_records(BitWriter& out, std::span<const Interval> records) const {

@@ -9,11 +9,15 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <span>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "spm/codec/base_codec.hpp"
 #include "spm/codec/bits.hpp"
+#include "spm/codec/block_checksums.hpp"
 #include "spm/codec/record_codes.hpp"
 #include "spm/codec/result.hpp"
 #include "spm/model.hpp"
@@ -33,6 +37,13 @@ class CompressedModel {
   /// Makes an empty object, to which a model can be assigned.
   CompressedModel() = default;
 
+  /// Sets the checksums with which `damage` checks the bytes of codes and lists. Without this call, they count as sound.
+  void set_checksums(std::shared_ptr<const BlockChecksums> codes,
+                     std::shared_ptr<const BlockChecksums> lists) noexcept {
+    code_checksums_ = std::move(codes);
+    list_checksums_ = std::move(lists);
+  }
+
   [[nodiscard]] const ModelSummary& summary() const noexcept { return base_.mesh.summary; }
   [[nodiscard]] const BaseMesh& base() const noexcept { return base_.mesh; }
   [[nodiscard]] const RecordTables& tables() const noexcept { return base_.tables; }
@@ -45,14 +56,24 @@ class CompressedModel {
   /// Decodes the region's record list. Returns an empty list if its bits are damaged. O(intervals), allocates.
   [[nodiscard]] std::vector<Interval> intervals_of(RegionId region) const;
 
+  /// Returns a description of the first damage in the list of the region or in the codes of these records, or an empty
+  /// string. The first check of a block of bytes reads the whole block (block_checksums.hpp).
+  [[nodiscard]] std::string damage(RegionId region, std::span<const Interval> records) const;
+
+  /// Checks all bytes of codes and lists. Returns as the function above.
+  [[nodiscard]] std::string damage() const;
+
   /// Appends the codes of these records in the form of a message. O(records + intervals x kRecordsPerBlock), because
   /// the first record of an interval is found by reading its block from the start.
   void put_records(BitWriter& out, std::span<const Interval> records) const;
 
  private:
+  [[nodiscard]] std::string list_damage(RegionId region) const;
+
   DecodedBase base_;
   ModelSpans spans_;
   std::vector<std::uint64_t> block_starts_, list_starts_;
+  std::shared_ptr<const BlockChecksums> code_checksums_, list_checksums_;  // null: not checked
 };
 
 }  // namespace tactus::spm::codec

@@ -18,16 +18,18 @@ std::optional<RegionData> region_data(const CompressedModel& model, RegionId reg
       else
         missing.push_back({record, 1});
     }
-  const Bytes message = encode_region(model, region, missing);
-  auto decoded = decode_region(message, model.summary(), model.tables());
+  const Result<Bytes> message = encode_region(model, region, missing);
+  if (!message) return std::nullopt;
+  auto decoded = decode_region(*message, model.summary(), model.tables());
   if (!decoded) return std::nullopt;
   return std::move(*decoded);
 }
 
-bool load_region(const CompressedModel& model, RegionId region, Cache& cache, ObjectIndex object, RegionList& list) {
+AcceptResult load_region(const CompressedModel& model, RegionId region, Cache& cache, ObjectIndex object,
+                         RegionList& list) {
   const std::optional<RegionData> data = region_data(model, region, cache, object);
   const ListSummary expected = list_summary(model.base().regions[index(region)]);
-  return data && cache.accept(object, *data, expected, list) == AcceptResult::kAccepted;
+  return data ? cache.accept(object, *data, expected, list) : AcceptResult::kMalformed;
 }
 
 }  // namespace tactus::spm::codec

@@ -14,9 +14,9 @@ namespace tactus::spm::codec {
 [[nodiscard]] std::optional<RegionData> region_data(const CompressedModel& model, RegionId region, const Cache& cache,
                                                     ObjectIndex object);
 
-/// Passes the result of `region_data` to Cache::accept, which sets `list`. If the cache is full or the region is damaged,
-/// returns false; the cache is then unchanged.
-[[nodiscard]] bool load_region(const CompressedModel& model, RegionId region, Cache& cache, ObjectIndex object,
-                               RegionList& list);
+/// Passes the result of `region_data` to Cache::accept, which sets `list`. If the region is damaged, returns kMalformed.
+/// If the result is not kAccepted, the cache is unchanged.
+[[nodiscard]] AcceptResult load_region(const CompressedModel& model, RegionId region, Cache& cache, ObjectIndex object,
+                                       RegionList& list);
 
 }  // namespace tactus::spm::codec

@@ -1,6 +1,7 @@
 #include "spm/codec/region_codec.hpp"
 
 #include <algorithm>
+#include <utility>
 
 #include "spm/codec/interval_codec.hpp"
 #include "spm/codec/record_reader.hpp"
@@ -116,7 +117,8 @@ class RegionDecoder {
 
 }  // namespace
 
-Bytes encode_region(const CompressedModel& model, RegionId region, std::span<const Interval> missing) {
+Result<Bytes> encode_region(const CompressedModel& model, RegionId region, std::span<const Interval> missing) {
+  if (std::string damage = model.damage(region, missing); !damage.empty()) return DecodeError{std::move(damage)};
   BitWriter out;
   const std::vector<Interval> list = model.intervals_of(region);
   out.put(index(region), kIdBits);

@@ -17,8 +17,9 @@
 namespace tactus::spm::codec {
 
 /// Encodes the region with the records in `missing`: a subset of the region's list, as ascending intervals with at
-/// least one number between two of them. Costs as much as CompressedModel::put_records; allocates.
-[[nodiscard]] Bytes encode_region(const CompressedModel& model, RegionId region, std::span<const Interval> missing);
+/// least one number between two of them. Fails if the bytes of the list or of these records are damaged. Costs as much as
+/// CompressedModel::put_records; allocates.
+Result<Bytes> encode_region(const CompressedModel& model, RegionId region, std::span<const Interval> missing);
 
 /// A record in a message: its anchor, and the bits of its code without the anchor.
 struct RecordCode {

@@ -13,6 +13,8 @@
 #include <utility>
 #include <vector>
 
+#include "spm/codec/block_checksums.hpp"
+#include "spm/codec/bytes.hpp"
 #include "spm/offline/digest.hpp"
 #include "spm/offline/pending_file.hpp"
 
@@ -24,9 +26,10 @@ static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the file has the bytes
 constexpr std::array<char, 8> kMagic{'t', 'a', 'c', 't', 'S', 'P', 'M', '\n'};
 constexpr std::size_t kAlignment = 64;
 
-enum class SectionKind : std::uint32_t { kBase = 1, kCodes, kLists, kSizes, kStatistics };
-constexpr std::uint32_t kSections = 5;
-constexpr std::array<const char*, kSections> kSectionNames{"base mesh", "codes", "lists", "sizes", "statistics"};
+enum class SectionKind : std::uint32_t { kBase = 1, kCodes, kLists, kSizes, kStatistics, kChecksums };
+constexpr std::uint32_t kSections = 6;
+constexpr std::array<const char*, kSections> kSectionNames{"base mesh", "codes",      "lists",
+                                                           "sizes",     "statistics", "checksums"};
 
 struct Header {
   std::array<char, 8> magic;
@@ -110,9 +113,10 @@ void check_header(const Header& header, std::size_t size, const std::filesystem:
   }
 }
 
-void check_section(const SectionEntry& section, std::uint32_t i, const unsigned char* file, std::size_t size,
-                   const std::filesystem::path& path) {
-  const std::string name = std::string{"section "} + kSectionNames[i];
+std::string name_of(std::uint32_t section) { return std::string{"section "} + kSectionNames[section]; }
+
+void check_place(const SectionEntry& section, std::uint32_t i, std::size_t size, const std::filesystem::path& path) {
+  const std::string name = name_of(i);
   if (static_cast<std::uint32_t>(section.kind) != i + 1)
     fail(path, name + ": found section kind " + std::to_string(static_cast<std::uint32_t>(section.kind)) +
                    ", expected " + std::to_string(i + 1));
@@ -121,9 +125,24 @@ void check_section(const SectionEntry& section, std::uint32_t i, const unsigned 
                    " bytes, expected a multiple of 64 and an end within the " + std::to_string(size) +
                    " bytes of the file");
   }
-  if (XXH3_64bits(file + section.offset, section.size) != section.checksum) {
-    fail(path, name + ": checksum does not match, the file is damaged");
-  }
+}
+
+void check_checksum(const SectionEntry& section, std::uint32_t i, const unsigned char* file,
+                    const std::filesystem::path& path) {
+  if (XXH3_64bits(file + section.offset, section.size) != section.checksum)
+    fail(path, name_of(i) + ": checksum does not match, the file is damaged");
+}
+
+constexpr bool is_checked_by_block(std::uint32_t section) noexcept {
+  return section + 1 == static_cast<std::uint32_t>(SectionKind::kCodes) ||
+         section + 1 == static_cast<std::uint32_t>(SectionKind::kLists);
+}
+
+codec::Bytes block_checksums(const codec::ModelSpans& bytes) {
+  codec::ByteWriter out;
+  for (const std::span<const std::uint8_t> section : {bytes.codes, bytes.lists})
+    for (const std::uint64_t checksum : codec::BlockChecksums::of(section)) out.raw(checksum);
+  return out.take();
 }
 
 }  // namespace
@@ -132,11 +151,13 @@ void write_model(const std::filesystem::path& path, const Model& model, const Pr
   const std::string statistics = to_json(provenance);
   const codec::EncodedModel encoded{model};
   const codec::ModelSpans& bytes = encoded.compressed().spans();
+  const codec::Bytes checksums = block_checksums(bytes);
   const std::array<std::pair<const void*, std::size_t>, kSections> contents{{{bytes.base.data(), bytes.base.size()},
                                                                              {bytes.codes.data(), bytes.codes.size()},
                                                                              {bytes.lists.data(), bytes.lists.size()},
                                                                              {bytes.sizes.data(), bytes.sizes.size()},
-                                                                             {statistics.data(), statistics.size()}}};
+                                                                             {statistics.data(), statistics.size()},
+                                                                             {checksums.data(), checksums.size()}}};
 
   Table table{};
   std::size_t end = sizeof(Header) + sizeof(Table);
@@ -173,15 +194,22 @@ struct MappedModel::Mapping {
   ~Mapping() {
     if (data != MAP_FAILED) ::munmap(data, size);
   }
+  [[nodiscard]] const unsigned char* bytes() const noexcept { return static_cast<const unsigned char*>(data); }
+  [[nodiscard]] std::span<const std::uint8_t> section(SectionKind kind) const noexcept {
+    const SectionEntry& entry = table[static_cast<std::uint32_t>(kind) - 1];
+    return {bytes() + entry.offset, static_cast<std::size_t>(entry.size)};
+  }
+
   void* data;
   std::size_t size;
+  Table table{};
 };
 
 MappedModel::MappedModel(MappedModel&&) noexcept = default;
 MappedModel& MappedModel::operator=(MappedModel&&) noexcept = default;
 MappedModel::~MappedModel() = default;
 
-MappedModel::MappedModel(const std::filesystem::path& path, OwnedModel* arrays) {
+MappedModel::MappedModel(const std::filesystem::path& path) : path_{path} {
   const File file{path};
   if (file.fd < 0) fail(path, "cannot be read: " + std::string{std::strerror(errno)});
   struct stat status {};
@@ -191,38 +219,71 @@ MappedModel::MappedModel(const std::filesystem::path& path, OwnedModel* arrays) 
     fail(path, "found " + std::to_string(size) + " bytes, expected at least " +
                    std::to_string(sizeof(Header) + sizeof(Table)));
   }
-  mapping_ = std::make_unique<const Mapping>(file.fd, size);
-  if (mapping_->data == MAP_FAILED) fail(path, "cannot be mapped: " + std::string{std::strerror(errno)});
+  auto mapping = std::make_unique<Mapping>(file.fd, size);
+  if (mapping->data == MAP_FAILED) fail(path, "cannot be mapped: " + std::string{std::strerror(errno)});
 
-  const auto* bytes = static_cast<const unsigned char*>(mapping_->data);
   Header header;
-  Table table;
-  std::memcpy(&header, bytes, sizeof header);
-  std::memcpy(&table, bytes + sizeof header, sizeof table);
+  Table& table = mapping->table;
+  std::memcpy(&header, mapping->bytes(), sizeof header);
+  std::memcpy(&table, mapping->bytes() + sizeof header, sizeof table);
   check_header(header, size, path);
   if (checksum_of(header, table) != header.checksum) fail(path, "header checksum does not match, the file is damaged");
-  for (std::uint32_t i = 0; i < kSections; ++i) check_section(table[i], i, bytes, size, path);
+  for (std::uint32_t i = 0; i < kSections; ++i) {
+    check_place(table[i], i, size, path);
+    if (!is_checked_by_block(i)) check_checksum(table[i], i, mapping->bytes(), path);
+  }
+  mapping_ = std::move(mapping);
 
-  const auto section = [&](SectionKind kind) {
-    const SectionEntry& entry = table[static_cast<std::uint32_t>(kind) - 1];
-    return std::span<const std::uint8_t>{bytes + entry.offset, static_cast<std::size_t>(entry.size)};
-  };
+  const auto section = [this](SectionKind kind) { return mapping_->section(kind); };
   auto compressed = codec::CompressedModel::open({section(SectionKind::kBase), section(SectionKind::kCodes),
                                                   section(SectionKind::kLists), section(SectionKind::kSizes)});
   if (!compressed) fail(path, compressed.error().text);
   compressed_ = std::move(*compressed);
-  auto decoded = codec::decode_model(compressed_);
-  if (!decoded) fail(path, decoded.error().text);
-  const std::vector<std::string> broken = violations(decoded->model());
-  if (!broken.empty()) fail(path, broken.front());
-  if (digest_of(decoded->model()) != summary().digest) fail(path, "digest does not match its contents");
-  if (arrays != nullptr) *arrays = std::move(*decoded);
+  set_checksums();
   try {
     const std::span<const std::uint8_t> statistics = section(SectionKind::kStatistics);
     provenance_ = from_json(reinterpret_cast<const char*>(statistics.data()), statistics.size());
   } catch (const nlohmann::json::exception& e) {
     fail(path, std::string{"section statistics: "} + e.what());
   }
+}
+
+/// Gives the compressed model the checksums of the blocks of codes and lists.
+void MappedModel::set_checksums() {
+  using codec::BlockChecksums;
+  const std::span<const std::uint8_t> checksums = mapping_->section(SectionKind::kChecksums);
+  std::size_t blocks = 0;
+  for (const SectionKind kind : {SectionKind::kCodes, SectionKind::kLists})
+    blocks += BlockChecksums::blocks_in(mapping_->section(kind).size());
+  if (checksums.size() != blocks * sizeof(std::uint64_t))
+    fail(path_, "section checksums: found " + std::to_string(checksums.size()) + " bytes, expected " +
+                    std::to_string(blocks * sizeof(std::uint64_t)));
+  codec::ByteReader in{checksums};
+  const auto read = [&](SectionKind kind) {
+    const std::span<const std::uint8_t> bytes = mapping_->section(kind);
+    std::vector<std::uint64_t> each(BlockChecksums::blocks_in(bytes.size()));
+    for (std::uint64_t& checksum : each) checksum = in.raw<std::uint64_t>();
+    return std::make_shared<const BlockChecksums>(path_.string() + ": " + name_of(static_cast<std::uint32_t>(kind) - 1),
+                                                  bytes, std::move(each));
+  };
+  auto codes = read(SectionKind::kCodes);
+  compressed_.set_checksums(std::move(codes), read(SectionKind::kLists));
+}
+
+void MappedModel::check_checksums() const {
+  if (const std::string damage = compressed_.damage(); !damage.empty()) throw ModelError{damage};
+  for (std::uint32_t i = 0; i < kSections; ++i)
+    if (is_checked_by_block(i)) check_checksum(mapping_->table[i], i, mapping_->bytes(), path_);
+}
+
+OwnedModel MappedModel::decode() const {
+  check_checksums();
+  auto decoded = codec::decode_model(compressed_);
+  if (!decoded) fail(path_, decoded.error().text);
+  const std::vector<std::string> broken = violations(decoded->model());
+  if (!broken.empty()) fail(path_, broken.front());
+  if (digest_of(decoded->model()) != summary().digest) fail(path_, "digest does not match its contents");
+  return std::move(*decoded);
 }
 
 }  // namespace tactus::spm::offline

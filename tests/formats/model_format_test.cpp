@@ -227,7 +227,7 @@ TEST_F(ModelFormat, TheReaderRefusesADamagedFile) {
   cases.emplace_back(flipped(8), "found file version");
   cases.emplace_back(flipped(70), "the header has a wrong checksum");
   cases.emplace_back(flipped(300), "section 1 has a wrong checksum");
-  cases.emplace_back(flipped(good.size() - 1), "section 5 has a wrong checksum");
+  cases.emplace_back(flipped(good.size() - 1), "section 6 has a wrong checksum");
   for (const auto& [bytes, message] : cases) {
     write_bytes(path("bad.spm"), bytes);
     Process python{reader("spm_reader.py", {path("bad.spm")})};
@@ -278,7 +278,7 @@ TEST_F(ExamplesOfThePages, TheDumpOfTheChunkHasTheRegionMessageOfTheModel) {
   const spm::offline::MappedModel model{path("tiny.spm")};
   const spm::RegionId region{0};
   const spm::codec::Bytes message =
-      spm::codec::encode_region(model.compressed(), region, model.compressed().intervals_of(region));
+      *spm::codec::encode_region(model.compressed(), region, model.compressed().intervals_of(region));
   std::string expected{"\x00\x01\x00\x00", 4};
   const auto number = [&expected](std::uint32_t value) {
     for (unsigned shift = 0; shift < 32; shift += 8) expected += static_cast<char>(value >> shift);

@@ -57,7 +57,7 @@ void add_models(Seeds& seeds) {
   seeds.add("base", model.spans().base);
   for (std::uint32_t region = 0; region < model.summary().regions && region < 5; ++region) {
     const std::vector<spm::Interval> list = model.intervals_of(spm::RegionId{region});
-    seeds.add("region", spm::codec::encode_region(model, spm::RegionId{region}, list));
+    seeds.add("region", *spm::codec::encode_region(model, spm::RegionId{region}, list));
   }
   spm::offline::write_model(seeds.next("model_file"), owned.model(), {"seed.obj", {}});
 }

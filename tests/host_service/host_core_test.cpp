@@ -11,6 +11,7 @@
 #include "spm/offline/generate.hpp"
 #include "study/membership_exchange.hpp"
 #include "tests/support/constants.hpp"
+#include "tests/support/damaged_model.hpp"
 
 namespace tactus::host_service {
 namespace {
@@ -122,6 +123,35 @@ TEST_F(HostCoreTest, PublishesTheCatalogueAtFirstAndAfterALongPause) {
   EXPECT_TRUE(host.tick(now_).catalogue);
   EXPECT_FALSE(host.tick(now_ += 50 * kMs).catalogue);
   EXPECT_TRUE(host.tick(now_ += 6000 * kMs).catalogue);
+}
+
+TEST_F(HostCoreTest, WarnsOnceOfDamageInAFileThatAnHrtcNeeds) {
+  const test_support::DamagedModel model{test_support::organ_of_several_blocks().compressed()};
+  HostCore host{kSelf, host_of("organ", model.compressed()), now_};
+  std::vector<std::string> warnings;
+  host.on_event = [&](session::Severity severity, const std::string& text) {
+    if (severity == session::Severity::kWarning) warnings.push_back(text);
+  };
+  session::Demand demand;
+  demand.origin = {kSession, kHrtc, 1, now_};
+  demand.object_id = session::id_of("organ");
+  demand.digest = model.compressed().summary().digest;
+  demand.serving_host = kHost;
+  demand.epoch = 1;
+  demand.stream = session::stream_id(kSelf, demand.origin, demand.object_id);
+  demand.credit = 1u << 20;
+  for (std::uint32_t region = 0; demand.wanted.size() < 3; ++region)
+    if (model.is_damaged(region)) demand.wanted.push_back({region, 0});
+  host.on_demand(demand, now_);
+  for (int i = 0; i < 100; ++i, now_ += kMs) {
+    while (host.next_chunk(now_)) continue;
+    (void)host.tick(now_);
+  }
+  ASSERT_EQ(warnings.size(), 1u);
+  EXPECT_EQ(
+      warnings.front(),
+      "object 'organ': organ.spm: section codes: the checksum of bytes 65536 to 131071 does not match, the file is "
+      "damaged; parts of its surface stay coarse until the host serves a sound file");
 }
 
 TEST_F(HostCoreTest, AnswersClockRequestsOnlyAsTheTimeReferenceAndFailureDetectorsAlways) {

@@ -248,7 +248,7 @@ TEST_F(HostTest, AnHrtcReceivesEachRecordOnceAndToTheBit) {
   const spm::codec::CompressedModel& model = original.compressed();
   for (const auto& [region, data] : hrtc.held_) {
     EXPECT_EQ(data.list.size(), model.intervals_of(spm::RegionId{region}).size());
-    const auto expected = spm::codec::decode_region(spm::codec::encode_region(model, spm::RegionId{region}, data.sent),
+    const auto expected = spm::codec::decode_region(*spm::codec::encode_region(model, spm::RegionId{region}, data.sent),
                                                     model.summary(), model.tables());
     ASSERT_TRUE(expected) << expected.error().text;
     EXPECT_EQ(data.residuals, expected->residuals);

@@ -10,6 +10,7 @@
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
 #include "tests/support/constants.hpp"
+#include "tests/support/damaged_model.hpp"
 
 namespace tactus::host_service {
 namespace {
@@ -114,6 +115,22 @@ TEST(Scenery, ShowsTheBaseMeshesOfManyObjects) {
       EXPECT_LT((found.point - offset - expected.point).norm(), 1e-9) << offset.x();
     }
   }
+}
+
+TEST(Scenery, DamagedRegionsStayCoarseAndDoNotKeepOthersFromBeingLoaded) {
+  const spm::codec::CompressedModel& sound = test_support::organ_of_several_blocks().compressed();
+  const test_support::DamagedModel damaged{sound};
+  const auto loaded = [](const spm::codec::CompressedModel& model) {
+    Scenery scenery{{StaticObject{{}, 1, &model}}};
+    std::vector<Vec3d> points;
+    for (const auto& vertex : model.base().positions) points.push_back(Vec3d{vertex[0], vertex[1], vertex[2]});
+    for (int call = 0; call < 200; ++call) scenery.refine_around(points);
+    return scenery.regions_loaded();
+  };
+  const std::uint64_t all = loaded(sound), some = loaded(damaged.compressed());
+  EXPECT_GT(some, 0u);
+  EXPECT_LT(some, all);
+  EXPECT_GT(some, all / 8) << "only few of the regions need the damaged block";
 }
 
 TEST(Scenery, RegionsWithoutContactsFreeTheirSlotsForOthers) {

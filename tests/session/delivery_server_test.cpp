@@ -3,12 +3,16 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <set>
+#include <utility>
+#include <vector>
 
 #include "session/delivery_client.hpp"
 #include "spm/codec/model_codec.hpp"
 #include "spm/codec/region_codec.hpp"
 #include "tests/support/constants.hpp"
+#include "tests/support/damaged_model.hpp"
 #include "tests/support/random_model.hpp"
 
 namespace tactus::session {
@@ -140,6 +144,50 @@ TEST_F(DeliveryServerTest, SendsTheSoonestRegionFirstAndEveryRecordOnce) {
     }
     EXPECT_EQ(regions[i].second, missing);
   }
+}
+
+TEST(DeliveryServer, SendsNoDamagedRegionAndReportsTheDamageOnce) {
+  const test_support::DamagedModel model{test_support::organ_of_several_blocks().compressed()};
+  const spm::ModelSummary& summary = model.compressed().summary();
+  std::set<std::uint32_t> damaged, sound;
+  for (std::uint32_t region = 0; region < summary.regions; ++region)
+    (model.is_damaged(region) ? damaged : sound).insert(region);
+  ASSERT_GT(damaged.size(), 1u);
+  ASSERT_GT(sound.size(), 1u);
+  DeliveryServer server{kSender};
+  server.add(kObject, model.compressed());
+  DeliveryClient client{{kSession, kHrtc, 7, 0}, {}};
+  CatalogueEntry entry;
+  entry.origin = kSender;
+  entry.object_id = kObject;
+  entry.summary = summary;
+  client.on_catalogue(entry);
+  client.open(kObject, summary.digest);
+  std::vector<Wanted> wanted;
+  for (std::uint32_t region = 0; region < std::min(summary.regions, 400u); ++region) wanted.push_back({region, region});
+
+  std::set<std::uint32_t> received;
+  std::vector<DeliveryServer::Damage> reported;
+  for (std::int64_t now = 1'000 * kMs; now < 6'000 * kMs; now += kMs) {
+    client.on_host_heartbeat(kHost, kSender.incarnation, now);
+    while (const auto demand = client.demand(now)) server.on_demand(*demand, now);
+    while (const auto out = server.next(now))
+      for (const DeliveryClient::Message& message : client.on_chunk(out->chunk, now)) {
+        if (message.kind == BulkKind::kBase) {
+          client.answer_base_stored(kObject);
+          client.set_wanted(kObject, wanted);
+        } else {
+          client.answer_stored(kObject, message.region);
+          received.insert(message.region);
+        }
+      }
+    for (DeliveryServer::Damage& damage : server.take_damage()) reported.push_back(std::move(damage));
+  }
+
+  for (const Wanted& each : wanted) EXPECT_EQ(received.count(each.region), sound.count(each.region)) << each.region;
+  ASSERT_EQ(reported.size(), 1u);
+  EXPECT_EQ(reported.front().object_id, kObject);
+  EXPECT_THAT(reported.front().text, testing::HasSubstr("section codes: the checksum of bytes 65536 to 131071"));
 }
 
 TEST_F(DeliveryServerTest, FillsEveryChunkButTheLast) {

@@ -47,7 +47,8 @@ const RegionRecords& decoded(std::uint64_t object, std::uint32_t region, const s
   if (!is_new) return result->second;
   const spm::codec::CompressedModel& model = compressed_of(object);
   const auto data = spm::codec::decode_region(bytes, model_of(object).summary, model.tables());
-  if (data && spm::index(data->region) == region && bytes == spm::codec::encode_region(model, data->region, data->sent))
+  if (data && spm::index(data->region) == region &&
+      bytes == *spm::codec::encode_region(model, data->region, data->sent))
     result->second = {true, records_of(data->list), records_of(data->sent)};
   return result->second;
 }

@@ -44,7 +44,7 @@ class HrtcModel {
         else
           missing.push_back({record, 1});
       }
-    return decoded(spm::codec::encode_region(encoded_.compressed(), region, missing));
+    return decoded(*spm::codec::encode_region(encoded_.compressed(), region, missing));
   }
 
   /// Returns the message of a faulty host, which contains `list` instead of the region's closed list.

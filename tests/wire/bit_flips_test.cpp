@@ -47,7 +47,7 @@ bool is_message_of(std::uint32_t region, const Bytes& bytes) {
   if (known.contains({region, bytes})) return true;
   const auto data = spm::codec::decode_region(bytes, subject().summary, compressed_subject().tables());
   if (!data || spm::index(data->region) != region ||
-      bytes != spm::codec::encode_region(compressed_subject(), data->region, data->sent))
+      bytes != *spm::codec::encode_region(compressed_subject(), data->region, data->sent))
     return false;
   known.emplace(region, bytes);
   return true;

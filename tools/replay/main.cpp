@@ -90,6 +90,7 @@ int main(int argc, char** argv) {
     std::map<std::uint64_t, spm::offline::MappedModel> models;
     for (const std::string& model : model_files) {
       spm::offline::MappedModel mapped{model};
+      mapped.check_checksums();
       const std::uint64_t digest = mapped.summary().digest;
       models.emplace(digest, std::move(mapped));
     }

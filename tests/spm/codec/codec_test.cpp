@@ -212,7 +212,7 @@ class RegionCodec : public ::testing::Test {
   explicit RegionCodec(std::uint32_t records = 600) : owned_{random_model(kCodecSeed, records, 3)} {}
 
   [[nodiscard]] Bytes encode(std::uint32_t region, const std::vector<spm::Interval>& sent) const {
-    return encode_region(encoded_.compressed(), RegionId{region}, sent);
+    return *encode_region(encoded_.compressed(), RegionId{region}, sent);
   }
   [[nodiscard]] Result<RegionData> decode(std::span<const std::uint8_t> bytes) const {
     return decode_region(bytes, model_.summary, encoded_.compressed().tables());

@@ -54,7 +54,7 @@ class CompressedCacheTest : public ::testing::Test {
       else
         missing.push_back({record, 1});
     }
-    return encode_region(encoded_->compressed(), RegionId{region}, missing);
+    return *encode_region(encoded_->compressed(), RegionId{region}, missing);
   }
   CompressedCache::PutResult put(std::uint32_t region, const std::set<std::uint32_t>& present = {}) {
     return compressed_cache_.put(kObject, RegionId{region}, message(region, present));

@@ -4,10 +4,14 @@
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 #include <unistd.h>
+#include <xxhash.h>
 
 #include <cstring>
 #include <fstream>
+#include <utility>
+#include <vector>
 
+#include "spm/codec/region_codec.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/digest.hpp"
 #include "spm/offline/generate.hpp"
@@ -21,14 +25,21 @@ using test_support::TemporaryFolder;
 using test_support::write_bytes;
 using ::testing::HasSubstr;
 
-/// Returns the error message of opening the file, or an empty string if it succeeds.
-std::string open_error(const std::filesystem::path& path) {
+/// Returns the error message of `action`, or an empty string if it succeeds.
+template <class Action>
+std::string error_of(Action action) {
   try {
-    const MappedModel model{path};
+    action();
   } catch (const ModelError& e) {
     return e.what();
   }
   return {};
+}
+std::string open_error(const std::filesystem::path& path) {
+  return error_of([&] { const MappedModel model{path}; });
+}
+std::string decode_error(const std::filesystem::path& path) {
+  return error_of([&] { static_cast<void>(MappedModel{path}.decode()); });
 }
 
 class ModelFile : public ::testing::Test {
@@ -40,6 +51,15 @@ class ModelFile : public ::testing::Test {
     bytes_ = read_bytes(path_);
   }
 
+  /// Writes the file with a flipped bit in a section.
+  void damage_section(std::size_t section) const {
+    std::uint64_t offset = 0;
+    std::memcpy(&offset, bytes_.data() + 64 + 32 * section + 8, sizeof offset);
+    std::string damaged = bytes_;
+    damaged[offset + 5] = static_cast<char>(damaged[offset + 5] ^ 16);
+    write_bytes(path_, damaged);
+  }
+
   TemporaryFolder folder_;
   BuiltModel built_;
   std::filesystem::path path_;
@@ -47,8 +67,8 @@ class ModelFile : public ::testing::Test {
 };
 
 TEST_F(ModelFile, RestoresTheWrittenModel) {
-  OwnedModel model;
-  const MappedModel mapped{path_, &model};
+  const MappedModel mapped{path_};
+  const OwnedModel model = mapped.decode();
   const auto same = [](const auto& a, const auto& b) {
     return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(a[0])) == 0;
   };
@@ -76,7 +96,7 @@ TEST_F(ModelFile, RefusesAnyFlippedBitExceptInThePadding) {
     std::string damaged = bytes_;
     damaged[i] = static_cast<char>(damaged[i] ^ 1 << i % 8);
     write_bytes(path_, damaged);
-    const std::string message = open_error(path_);
+    const std::string message = decode_error(path_);
     if (message.empty()) {
       ASSERT_EQ(bytes_[i], 0) << "byte " << i << " is no padding";
       ASSERT_EQ(MappedModel{path_}.summary().digest, built_.summary.digest) << "byte " << i;
@@ -87,15 +107,47 @@ TEST_F(ModelFile, RefusesAnyFlippedBitExceptInThePadding) {
 }
 
 TEST_F(ModelFile, TheErrorOfAFlippedBitNamesTheSection) {
-  const char* names[] = {"base mesh", "codes", "lists", "sizes", "statistics"};
-  for (std::size_t i = 0; i < 5; ++i) {
-    std::uint64_t offset = 0;
-    std::memcpy(&offset, bytes_.data() + 64 + 32 * i + 8, sizeof offset);
-    std::string damaged = bytes_;
-    damaged[offset + 5] = static_cast<char>(damaged[offset + 5] ^ 16);
-    write_bytes(path_, damaged);
-    EXPECT_THAT(open_error(path_), HasSubstr(std::string{"section "} + names[i] + ": checksum")) << names[i];
+  const char* names[] = {"base mesh", "codes", "lists", "sizes", "statistics", "checksums"};
+  for (std::size_t i = 0; i < 6; ++i) {
+    damage_section(i);
+    const std::string message = decode_error(path_);
+    EXPECT_THAT(message, HasSubstr(std::string{"section "} + names[i] + ": ")) << names[i];
+    EXPECT_THAT(message, HasSubstr("does not match, the file is damaged")) << names[i];
   }
+}
+
+TEST_F(ModelFile, OpensWithDamagedCodesAndListsAndNamesTheDamageWhenARegionNeedsThem) {
+  for (const auto& [section, name] : {std::pair<std::size_t, const char*>{1, "codes"}, {2, "lists"}}) {
+    damage_section(section);
+    const MappedModel mapped{path_};
+    EXPECT_THAT(error_of([&] { mapped.check_checksums(); }), HasSubstr("organ.spm: section " + std::string{name}));
+    const codec::CompressedModel& model = mapped.compressed();
+    const std::vector<Interval> list = model.intervals_of(RegionId{0});
+    EXPECT_EQ(list.empty(), section == 2);
+    const auto message = codec::encode_region(model, RegionId{0}, list);
+    ASSERT_FALSE(message) << name;
+    EXPECT_THAT(message.error().text,
+                HasSubstr("organ.spm: section " + std::string{name} + ": the checksum of bytes 0 to"));
+  }
+}
+
+TEST_F(ModelFile, RefusesAWrongNumberOfChecksums) {
+  std::uint64_t size = 0;
+  std::memcpy(&size, bytes_.data() + 64 + 32 * 5 + 16, sizeof size);
+  ASSERT_EQ(size, 16u) << "one block of codes and one of lists";
+  std::string damaged = bytes_.substr(0, bytes_.size() - 8);
+  const auto set = [&damaged](std::size_t at, std::uint64_t number) {
+    std::memcpy(damaged.data() + at, &number, sizeof number);
+  };
+  set(16, damaged.size());
+  set(64 + 32 * 5 + 16, 8);
+  std::uint64_t offset = 0;
+  std::memcpy(&offset, bytes_.data() + 64 + 32 * 5 + 8, sizeof offset);
+  set(64 + 32 * 5 + 24, XXH3_64bits(damaged.data() + offset, 8));
+  set(24, 0);
+  set(24, XXH3_64bits(damaged.data(), 256));
+  write_bytes(path_, damaged);
+  EXPECT_THAT(open_error(path_), HasSubstr("section checksums: found 8 bytes, expected 16"));
 }
 
 TEST_F(ModelFile, RefusesEveryTruncation) {
@@ -110,7 +162,7 @@ TEST_F(ModelFile, RefusesALaterVersionAndNamesBothVersions) {
   later[8] = 9;
   write_bytes(path_, later);
   EXPECT_THAT(open_error(path_), HasSubstr("version 9"));
-  EXPECT_THAT(open_error(path_), HasSubstr("version 6"));
+  EXPECT_THAT(open_error(path_), HasSubstr("version 7"));
 }
 
 TEST_F(ModelFile, RefusesAMissingFileAnEmptyFileAndAFolder) {
@@ -124,7 +176,7 @@ TEST_F(ModelFile, RefusesAnInvalidModelWithCorrectChecksums) {
   BuiltModel damaged = built_;
   ++damaged.parts[3].radius;
   write_model(path_, damaged.model(), {});
-  EXPECT_THAT(open_error(path_), HasSubstr("record 3: radius code"));
+  EXPECT_THAT(decode_error(path_), HasSubstr("record 3: radius code"));
 }
 
 TEST_F(ModelFile, RefusesAPathThatCannotBeWrittenAndLeavesNoFile) {
