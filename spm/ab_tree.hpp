@@ -16,8 +16,8 @@
 #pragma once
 
 #include <array>
-#include <bit>
 #include <cstdint>
+#include <cstring>
 #include <limits>
 #include <string>
 #include <vector>
@@ -52,10 +52,13 @@ struct alignas(64) TreeNode {
 
   /// Child of a node above level 1. Row kBoxRows contains its index.
   [[nodiscard]] NodeIndex node(unsigned lane) const noexcept {
-    return NodeIndex{std::bit_cast<std::uint32_t>(lanes[lanes::kBoxRows][lane])};
+    std::uint32_t number;
+    std::memcpy(&number, &lanes[lanes::kBoxRows][lane], sizeof number);
+    return NodeIndex{number};
   }
   void set_node(unsigned lane, NodeIndex child) noexcept {
-    lanes[lanes::kBoxRows][lane] = std::bit_cast<float>(index(child));
+    const std::uint32_t number = index(child);
+    std::memcpy(&lanes[lanes::kBoxRows][lane], &number, sizeof number);
   }
   /// The face of a lane at level 1.
   [[nodiscard]] FaceId face(unsigned lane) const noexcept { return FaceId{id * kWidth + lane}; }
