@@ -27,10 +27,7 @@ std::vector<std::uint64_t> BlockChecksums::of(std::span<const std::uint8_t> byte
 
 BlockChecksums::BlockChecksums(std::string name, std::span<const std::uint8_t> bytes,
                                std::vector<std::uint64_t> checksums)
-    : name_{std::move(name)},
-      bytes_{bytes},
-      checksums_{std::move(checksums)},
-      states_{std::make_unique<std::atomic<State>[]>(checksums_.size())} {
+    : name_{std::move(name)}, bytes_{bytes}, checksums_{std::move(checksums)}, states_(checksums_.size()) {
   TACTUS_CHECK(checksums_.size() == blocks_in(bytes_.size()));
 }
 

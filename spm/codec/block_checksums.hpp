@@ -4,7 +4,6 @@
 
 #include <atomic>
 #include <cstdint>
-#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -37,7 +36,7 @@ class BlockChecksums {
   std::string name_;
   std::span<const std::uint8_t> bytes_;
   std::vector<std::uint64_t> checksums_;
-  std::unique_ptr<std::atomic<State>[]> states_;  // by block
+  mutable std::vector<std::atomic<State>> states_;  // by block
 };
 
 }  // namespace tactus::spm::codec
