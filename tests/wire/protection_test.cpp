@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cstddef>
 #include <random>
 #include <string>
 #include <vector>
@@ -33,24 +35,23 @@ Bytes encrypted(std::uint8_t key, std::uint8_t proofs, unsigned present) {
 }
 const Bytes kSender = Bytes(12, 1);  // of message_of
 
-/// A message of the authentication from `source`, with the handshake of `participant`.
-Bytes handshake(const Bytes& source, const Bytes& participant) {
-  Bytes made{0, 1, 0, 0};
-  made.insert(made.end(), source.begin(), source.end());
-  made.resize(4 + 96);
-  const auto add_property = [&](const std::string& name, const Bytes& value) {
-    made.insert(made.end(), {static_cast<std::uint8_t>(name.size() + 1), 0, 0, 0});
-    made.insert(made.end(), name.begin(), name.end());
-    made.resize((made.size() + 4) / 4 * 4);
-    made.insert(made.end(), {static_cast<std::uint8_t>(value.size()), 0, 0, 0});
-    made.insert(made.end(), value.begin(), value.end());
-  };
-  Bytes data{0, 0x50, 0, 16};  // big-endian
-  data.insert(data.end(), participant.begin(), participant.end());
-  data.insert(data.end(), {0, 0, 1, 0xc1, 0, 1, 0, 0});
-  add_property("c.id", {'P', 'E', 'M', 0});
-  add_property("c.pdata", data);
+constexpr std::uint8_t kGuid = 0x50, kKeyHash = 0x70;
+/// A parameter with the GUID of a participant, big-endian.
+Bytes parameter(std::uint8_t id, const Bytes& participant) {
+  Bytes made{0, id, 0, 16};
+  made.insert(made.end(), participant.begin(), participant.end());
+  made.insert(made.end(), {0, 0, 1, 0xc1});
   return made;
+}
+/// A message of the authentication from `source`, with a handshake that has these participant data.
+Bytes handshake_with(const Bytes& source, const std::vector<Bytes>& parameters) {
+  Bytes list;
+  for (const Bytes& one : parameters) list.insert(list.end(), one.begin(), one.end());
+  list.insert(list.end(), {0, 1, 0, 0});  // the sentinel
+  return handshake(source, {'P', 'E', 'M', 0}, list);
+}
+Bytes handshake_of(const Bytes& source, const Bytes& participant) {
+  return handshake_with(source, {parameter(kGuid, participant)});
 }
 Refusal refusal(const std::vector<Bytes>& parts) {
   const Bytes message = message_of(parts);
@@ -62,19 +63,55 @@ const Bytes kAnnouncement{0x00, 0x01, 0x00, 0xc2}, kAuthentication{0x00, 0x02, 0
 
 TEST(ProtectionTest, AnnouncementsAndAuthenticationArePlain) {
   EXPECT_EQ(refusal({kInfoTime, sample(kAnnouncement)}), Refusal::kNone);
-  EXPECT_EQ(refusal({kInfoDestination, kInfoTime, sample(kAuthentication, handshake(kSender, kSender))}),
+  EXPECT_EQ(refusal({kInfoDestination, kInfoTime, sample(kAuthentication, handshake_of(kSender, kSender))}),
             Refusal::kNone);
 }
 
 TEST(ProtectionTest, TheAuthenticationSpeaksForItsSender) {
   Bytes other = kSender;
   other[11] = 2;
-  EXPECT_EQ(refusal({sample(kAuthentication, handshake(other, kSender))}), Refusal::kOther);
-  EXPECT_EQ(refusal({sample(kAuthentication, handshake(kSender, other))}), Refusal::kOther);
-  Bytes without_participant = handshake(kSender, kSender);
+  EXPECT_EQ(refusal({sample(kAuthentication, handshake_of(other, kSender))}), Refusal::kOther);
+  EXPECT_EQ(refusal({sample(kAuthentication, handshake_of(kSender, other))}), Refusal::kOther);
+  Bytes without_participant = handshake_of(kSender, kSender);
   without_participant[without_participant.size() - 36] = 'x';  // "c.pdata" becomes "x.pdata"
   EXPECT_EQ(refusal({sample(kAuthentication, without_participant)}), Refusal::kOther);
   EXPECT_EQ(refusal({sample(kAuthentication)}), Refusal::kOther) << "too short";
+}
+
+// The library reads a handshake less strictly.
+TEST(ProtectionTest, TheLibraryReadsNoOtherParticipantInAHandshake) {
+  Bytes other = kSender;
+  other[11] = 2;
+  const auto refusal_of_parameters = [](const std::vector<Bytes>& parameters) {
+    return refusal({sample(kAuthentication, handshake_with(kSender, parameters))});
+  };
+  EXPECT_EQ(refusal_of_parameters({parameter(kKeyHash, other), parameter(kGuid, kSender)}), Refusal::kOther)
+      << "it takes a key hash for the GUID";
+  EXPECT_EQ(refusal_of_parameters({{0, 9, 0, 1, 7}, parameter(kGuid, kSender)}), Refusal::kOther)
+      << "it rounds lengths up";
+  EXPECT_EQ(refusal_of_parameters({{0, 9, 0, 4, 7, 7, 7, 7}, parameter(kGuid, kSender)}), Refusal::kNone);
+
+  Bytes unended = handshake_of(kSender, other);
+  for (const std::string name : {"c.id", "c.pdata"})
+    *(std::search(unended.begin(), unended.end(), name.begin(), name.end()) +
+      static_cast<std::ptrdiff_t>(name.size())) = 'X';
+  EXPECT_EQ(refusal({sample(kAuthentication, unended)}), Refusal::kOther) << "it does not look at the end of a name";
+}
+
+TEST(ProtectionTest, TheCertificateOfAHandshakeIsFound) {
+  const auto text_of = [](const Bytes& payload) {
+    const RtpsBytes found = certificate_in({payload.data(), static_cast<std::uint32_t>(payload.size()), false});
+    return std::string{found.at, found.at + found.size};
+  };
+  EXPECT_EQ(text_of(handshake(kSender, {'P', 'E', 'M'}, parameter(kGuid, kSender))), "PEM");
+  EXPECT_EQ(text_of(Bytes(200)), "");
+  EXPECT_EQ(text_of({}), "");
+}
+
+TEST(ProtectionTest, AMessageWithoutContentIsRefused) {
+  for (const std::vector<Bytes>& parts : std::vector<std::vector<Bytes>>{
+           {}, {kInfoTime}, {kInfoDestination}, {kInfoDestination, kInfoTime}, {submessage(kPadId, Bytes(4, 0))}})
+    EXPECT_EQ(refusal(parts), Refusal::kMalformed) << parts.size() << " submessages";
 }
 
 TEST(ProtectionTest, InlineQosCannotEndAParticipant) {
@@ -120,7 +157,6 @@ TEST(ProtectionTest, AnEncryptedSubmessageProvesItsOrigin) {
 TEST(ProtectionTest, CutMessagesAreRefusedAndNotReadBeyondTheirEnd) {
   const Bytes whole = message_of({encrypted(1, 1, 1)});
   for (std::size_t size = 0; size < whole.size(); ++size) {
-    if (size == kRtpsHeader) continue;  // no submessage
     const Bytes cut(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
     EXPECT_NE(refusal_of(cut.data(), static_cast<std::uint32_t>(size)), Refusal::kNone) << size;
   }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "wire/transport/rtps_message.hpp"
@@ -33,6 +34,28 @@ inline Bytes message_of(const std::vector<Bytes>& parts,
   Bytes made{'R', 'T', 'P', 'S', 2, 2, 1, 15};
   made.insert(made.end(), sender.begin(), sender.end());
   for (const Bytes& part : parts) made.insert(made.end(), part.begin(), part.end());
+  return made;
+}
+
+/// The payload of a message of the authentication from `source`, with the two properties of a handshake that state who
+/// begins it. `participant`: a parameter list.
+inline Bytes handshake(const Bytes& source, const Bytes& certificate, const Bytes& participant) {
+  Bytes made{0, 1, 0, 0};
+  made.insert(made.end(), source.begin(), source.end());
+  made.resize(4 + 96);
+  const auto add_number = [&](std::size_t number) {
+    for (unsigned shift = 0; shift < 32; shift += 8) made.push_back(static_cast<std::uint8_t>(number >> shift));
+  };
+  const auto add_property = [&](const std::string& name, const Bytes& value) {
+    add_number(name.size() + 1);
+    made.insert(made.end(), name.begin(), name.end());
+    made.resize((made.size() + 4) / 4 * 4);
+    add_number(value.size());
+    made.insert(made.end(), value.begin(), value.end());
+    made.resize((made.size() + 3) / 4 * 4);
+  };
+  add_property("c.id", certificate);
+  add_property("c.pdata", participant);
   return made;
 }
 

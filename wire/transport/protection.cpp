@@ -16,6 +16,8 @@ constexpr std::uint32_t kPrefixSize = 20, kKeyAt = 4, kKeySize = 4;
 constexpr std::array<std::uint8_t, 4> kAesGcm256{0, 0, 0, 4};  // the kind of all keys of the library
 constexpr std::uint32_t kCommonMac = 16, kMac = 20;
 
+constexpr std::string_view kCertificateProperty = "c.id";  // property of a handshake (DDS Security 1.1, 9.3.2.5)
+
 /// The exchange of keys between two participants uses a key that only these two have. Its number is 0.
 bool is_key_exchange(const Submessage& prefix) {
   const std::uint8_t* const key = prefix.body.at + kKeyAt;
@@ -42,22 +44,52 @@ bool is_of(const GuidPrefix& sender, const std::uint8_t* guid) {
   return std::equal(sender.begin(), sender.end(), guid);
 }
 
-/// Calls `visit` with what follows each binary property of this name in a message of the authentication. Returns false if
-/// the name occurs in another form.
+/// Calls `visit` with the value of each binary property of this name in a message of the authentication. Returns false
+/// if the name occurs in another form. The library reads a name of this length without its last byte, whatever that is.
 template <class Visit>
 bool visit_property(const RtpsBytes& payload, std::string_view name, const Visit& visit) {
-  const std::string text = std::string{name} + '\0';
-  const auto* const end = payload.at + payload.size;
-  const auto length = static_cast<std::uint32_t>(text.size());
+  constexpr std::uint32_t kNumber = 4;
+  const auto letters = static_cast<std::uint32_t>(name.size()), length = letters + 1;  // with the zero
   const std::uint32_t padded = (length + 3) / 4 * 4;
+  std::string text(kNumber, '\0');
+  text[payload.little_endian ? 0 : kNumber - 1] = static_cast<char>(length);
+  text += name;
+  const auto* const end = payload.at + payload.size;
   for (const auto* at = payload.at;; ++at) {
     at = std::search(at, end, text.begin(), text.end());
     if (at == end) return true;
-    const auto from = static_cast<std::uint32_t>(at - payload.at);
-    if (from < 4 || payload.number(from - 4, 4) != length || payload.size - from < padded + 4) return false;
-    const std::uint32_t size = payload.number(from + padded, 4);
-    if (size > payload.size - from - padded - 4 || !visit(RtpsBytes{at + padded + 4, size, false})) return false;
+    const auto from = static_cast<std::uint32_t>(at - payload.at) + kNumber;
+    const RtpsBytes rest = payload.from(from);
+    if (from % 4 != 0 || rest.size < padded + kNumber || rest.at[letters] != 0) return false;
+    const std::uint32_t size = rest.number(padded, kNumber);
+    RtpsBytes value = rest.from(padded + kNumber);
+    if (size > value.size) return false;
+    value.size = size;
+    if (!visit(value)) return false;
   }
+}
+
+/// The payload of a message of the authentication, with the byte order of its encapsulation.
+RtpsBytes in_its_byte_order(RtpsBytes payload) {
+  payload.little_endian = (payload.at[1] & 1u) != 0;
+  return payload;
+}
+
+/// Returns whether the participant data of a handshake states the GUID of its sender. The library uses the first key
+/// hash or GUID, and rounds lengths up.
+bool states_sender(RtpsBytes data, const GuidPrefix& sender) {
+  constexpr std::uint32_t kAlignment = 4;
+  data.little_endian = false;
+  ParameterList parameters{data};
+  int guids = 0;
+  while (const auto parameter = parameters.next()) {
+    const RtpsBytes& value = parameter->value;
+    if (parameter->id == kKeyHashParameter || value.size % kAlignment != 0) return false;
+    if (parameter->id != kGuidParameter) continue;
+    if (value.size < sender.size() || !is_of(sender, value.at)) return false;
+    ++guids;
+  }
+  return guids == 1;
 }
 
 /// Returns whether a message of the authentication speaks for its sender (ParticipantGenericMessage, DDS Security 1.1,
@@ -65,22 +97,15 @@ bool visit_property(const RtpsBytes& payload, std::string_view name, const Visit
 bool is_of_sender(RtpsBytes payload, const GuidPrefix& sender) {
   constexpr std::uint32_t kEncapsulation = 4, kFixedPart = 96;
   if (payload.size < kEncapsulation + kFixedPart) return false;
-  payload.little_endian = (payload.at[1] & 1u) != 0;
+  payload = in_its_byte_order(payload);
   if (!is_of(sender, payload.at + kEncapsulation)) return false;
   int certificates = 0, participants = 0;
-  const bool has_its_form = visit_property(payload, "c.id", [&](const RtpsBytes&) { return ++certificates > 0; }) &&
-                            visit_property(payload, "c.pdata", [&](const RtpsBytes& data) {
-                              ParameterList parameters{data};
-                              int guids = 0;
-                              while (const auto parameter = parameters.next()) {
-                                if (parameter->id != kGuidParameter) continue;
-                                if (parameter->value.size < sender.size() || !is_of(sender, parameter->value.at))
-                                  return false;
-                                ++guids;
-                              }
-                              ++participants;
-                              return guids == 1;
-                            });
+  const bool has_its_form =
+      visit_property(payload, kCertificateProperty, [&](const RtpsBytes&) { return ++certificates > 0; }) &&
+      visit_property(payload, "c.pdata", [&](const RtpsBytes& data) {
+        ++participants;
+        return states_sender(data, sender);
+      });
   return has_its_form && certificates == participants && certificates <= 1;
 }
 
@@ -110,6 +135,7 @@ Refusal refusal_of_data(const Submessage& submessage, const GuidPrefix& sender) 
 Refusal refusal_of(const std::uint8_t* message, std::uint32_t size) noexcept {
   if (size < kRtpsHeader) return Refusal::kMalformed;
   std::uint32_t at = kRtpsHeader;
+  bool has_content = false;
   while (at < size) {
     std::optional<Submessage> part = submessage_at(message, size, at);
     if (!part) return Refusal::kMalformed;
@@ -122,6 +148,7 @@ Refusal refusal_of(const std::uint8_t* message, std::uint32_t size) noexcept {
       case kDataId:
         if (const Refusal refusal = refusal_of_data(*part, sender_of(message)); refusal != Refusal::kNone)
           return refusal;
+        has_content = true;
         break;
       case kSecurePrefixId: {
         const std::optional<EncryptedSubmessage> encrypted = encrypted_at(message, size, at);
@@ -130,6 +157,7 @@ Refusal refusal_of(const std::uint8_t* message, std::uint32_t size) noexcept {
           return Refusal::kMalformed;
         if (!is_key_exchange(encrypted->prefix) && proofs_in(encrypted->postfix) == 0) return Refusal::kNoOrigin;
         part = encrypted->postfix;
+        has_content = true;
         break;
       }
       case kAckNackId:
@@ -142,7 +170,17 @@ Refusal refusal_of(const std::uint8_t* message, std::uint32_t size) noexcept {
     if (part->last) break;
     at = part->next;
   }
-  return Refusal::kNone;
+  return has_content ? Refusal::kNone : Refusal::kMalformed;
+}
+
+RtpsBytes certificate_in(const RtpsBytes& handshake) noexcept {
+  RtpsBytes certificate = handshake.from(handshake.size);
+  if (handshake.size < 2) return certificate;
+  (void)visit_property(in_its_byte_order(handshake), kCertificateProperty, [&](const RtpsBytes& value) {
+    certificate = value;
+    return true;
+  });
+  return certificate;
 }
 
 }  // namespace tactus::wire

@@ -11,9 +11,14 @@
 ///
 /// Of the plain submessages with data, only the announcements of participants and the messages of the authentication
 /// are accepted, because DDS Security cannot encrypt them.
+///
+/// A message without data and without an encrypted submessage is refused: the library would renew the lease of the
+/// participant that it names as its sender.
 #pragma once
 
 #include <cstdint>
+
+#include "wire/transport/rtps_message.hpp"
 
 namespace tactus::wire {
 
@@ -27,11 +32,16 @@ enum class Refusal : std::uint8_t {
   /// ends.
   kLeave,
   kOther,     ///< a message of the authentication speaks for another participant than its sender
-  kMalformed  ///< no RTPS message, or a submessage that is not complete, or has another form than the library sends
+  kMalformed  ///< no RTPS message, one without content, or a submessage that is incomplete or has another form than the
+              ///< library sends
 };
 
 /// Returns why a participant with keys must not process this message. Never reads outside of the message. Cost: some
 /// nanoseconds for each submessage.
 [[nodiscard]] Refusal refusal_of(const std::uint8_t* message, std::uint32_t size) noexcept;
+
+/// Returns the certificate (PEM) that a message of the authentication states; empty if it states none. `handshake`:
+/// payload of a message that refusal_of lets pass.
+[[nodiscard]] RtpsBytes certificate_in(const RtpsBytes& handshake) noexcept;
 
 }  // namespace tactus::wire

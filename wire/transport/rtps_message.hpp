@@ -60,6 +60,7 @@ using EntityId = std::array<std::uint8_t, 4>;
 inline constexpr EntityId kAnnouncements{0x00, 0x01, 0x00, 0xc2};   ///< of participants (9.3.1.5)
 inline constexpr EntityId kAuthentication{0x00, 0x02, 0x01, 0xc3};  ///< handshakes (DDS Security 1.1, 7.4.2)
 inline constexpr std::uint32_t kGuidParameter = 0x50;               ///< in an announcement: GUID of the participant
+inline constexpr std::uint32_t kKeyHashParameter = 0x70;            ///< the library takes it for that GUID
 
 /// The content of a DATA submessage (9.4.5.3).
 struct RtpsData {
