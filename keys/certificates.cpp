@@ -137,6 +137,12 @@ std::string entry_of(X509& certificate, int kind) {
   return result;
 }
 
+std::array<std::uint8_t, 32> hash_of_name(const X509_NAME& name) {
+  std::array<std::uint8_t, 32> hash{};
+  require(X509_NAME_digest(&name, EVP_sha256(), hash.data(), nullptr) == 1, "hash of a subject");
+  return hash;
+}
+
 }  // namespace
 
 Key make_key() {
@@ -230,6 +236,13 @@ Certificate read_certificate(const std::filesystem::path& file) {
   if (certificate == nullptr) fail_to_read(file, "certificate (PEM)");
   return certificate;
 }
+Certificate certificate_in(std::string_view text) {
+  const Owner<BIO> bio{BIO_new_mem_buf(text.data(), static_cast<int>(text.size()))};
+  require(bio != nullptr, "memory");
+  Certificate certificate{PEM_read_bio_X509_AUX(bio.get(), nullptr, nullptr, nullptr)};
+  ERR_clear_error();
+  return certificate;
+}
 Key read_key(const std::filesystem::path& file) {
   // Without a password: the program starts alone.
   Key key{PEM_read_bio_PrivateKey(open_file(file).get(), nullptr, nullptr, const_cast<char*>(""))};
@@ -267,9 +280,11 @@ std::array<std::uint8_t, 32> hash_of(const Subject& subject) {
   const Owner<X509_NAME> name{X509_NAME_new()};
   require(name != nullptr, "memory");
   set_name(*name, subject);
-  std::array<std::uint8_t, 32> hash{};
-  require(X509_NAME_digest(name.get(), EVP_sha256(), hash.data(), nullptr) == 1, "hash of a subject");
-  return hash;
+  return hash_of_name(*name);
+}
+
+std::array<std::uint8_t, 32> hash_of_subject(X509& certificate) {
+  return hash_of_name(*X509_get_subject_name(&certificate));
 }
 
 std::string subject_text(X509& certificate) {

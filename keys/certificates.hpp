@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <memory>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "keys/member.hpp"
@@ -58,6 +59,8 @@ inline constexpr std::time_t kClockTolerance = 3600;
 [[nodiscard]] std::string pem_of(EVP_PKEY& key);
 [[nodiscard]] std::string pem_of(X509_CRL& list);
 [[nodiscard]] Certificate read_certificate(const std::filesystem::path& file);
+/// Returns the first certificate in a text, as the DDS library reads it; null if there is none.
+[[nodiscard]] Certificate certificate_in(std::string_view text);
 [[nodiscard]] Key read_key(const std::filesystem::path& file);
 [[nodiscard]] RevokedList read_revoked_list(const std::filesystem::path& file);
 /// Returns the text of a file by `sign`. Throws KeyError unless `signer` has signed it.
@@ -65,7 +68,8 @@ inline constexpr std::time_t kClockTolerance = 3600;
 
 [[nodiscard]] Subject subject_of(X509& certificate);
 [[nodiscard]] std::array<std::uint8_t, 32> hash_of(const Subject& subject);  ///< SHA-256 of its DER encoding
-[[nodiscard]] std::string subject_text(X509& certificate);                   ///< as RFC 2253 writes it
+[[nodiscard]] std::array<std::uint8_t, 32> hash_of_subject(X509& certificate);
+[[nodiscard]] std::string subject_text(X509& certificate);  ///< as RFC 2253 writes it
 [[nodiscard]] std::string serial_of(X509& certificate);
 [[nodiscard]] std::vector<std::string> serials_of(X509_CRL& list);
 [[nodiscard]] std::time_t valid_from(X509& certificate);

@@ -33,6 +33,11 @@ bool has_only(std::string_view text, std::size_t max, const Condition& condition
   return !text.empty() && text.size() <= max && std::all_of(text.begin(), text.end(), condition);
 }
 
+Subject stated_subject(const std::string& group, const Identity& identity) {
+  return {group,           std::string{name_of(identity.role)}, identity.name, identity.permitted,
+          identity.serial, std::to_string(identity.valid_until)};
+}
+
 }  // namespace
 
 std::string instance_name(const std::string& member, const std::string& instance) {
@@ -85,8 +90,7 @@ std::optional<Identity> read_identity(std::string_view text) {
 }
 
 GuidBegin guid_begin_of(const std::string& group, const Identity& identity) {
-  const auto hash = hash_of({group, std::string{name_of(identity.role)}, identity.name, identity.permitted,
-                             identity.serial, std::to_string(identity.valid_until)});
+  const auto hash = hash_of(stated_subject(group, identity));
   GuidBegin begin;
   std::uint8_t above = 1;  // the first bit of the GUID is set, and the hash follows
   for (std::size_t i = 0; i < begin.size(); ++i) {
@@ -94,6 +98,12 @@ GuidBegin guid_begin_of(const std::string& group, const Identity& identity) {
     above = hash[i] & 1u;
   }
   return begin;
+}
+
+bool is_certificate_of(std::string_view text, const std::string& group, const Identity& identity) {
+  const Certificate certificate = certificate_in(text);
+  return certificate != nullptr && serial_of(*certificate) == identity.serial &&
+         hash_of_subject(*certificate) == hash_of(stated_subject(group, identity));
 }
 
 }  // namespace tactus::keys
