@@ -268,13 +268,13 @@ class ParticipantListener : public dds::DomainParticipantListener {
                                 const dds::ParticipantBuiltinTopicData& found, bool& should_be_ignored) final {
     using Status = rtps::ParticipantDiscoveryStatus;
     should_be_ignored = false;
-    report(found.guid, found.metatraffic_locators,
+    notify(found.guid, found.metatraffic_locators,
            status == Status::REMOVED_PARTICIPANT || status == Status::DROPPED_PARTICIPANT);
   }
 #else
   void on_participant_discovery(dds::DomainParticipant*, rtps::ParticipantDiscoveryInfo&& found) final {
     using Status = rtps::ParticipantDiscoveryInfo;
-    report(found.info.m_guid, found.info.metatraffic_locators,
+    notify(found.info.m_guid, found.info.metatraffic_locators,
            found.status == Status::REMOVED_PARTICIPANT || found.status == Status::DROPPED_PARTICIPANT);
   }
 #endif
@@ -285,7 +285,7 @@ class ParticipantListener : public dds::DomainParticipantListener {
   virtual void on_gone(const rtps::GUID_t& participant) = 0;
 
   template <class Locators>
-  void report(const rtps::GUID_t& participant, const Locators& locators, bool is_gone) {
+  void notify(const rtps::GUID_t& participant, const Locators& locators, bool is_gone) {
     if (is_gone) return on_gone(participant);
     on_present(participant, {locators.unicast.begin(), locators.unicast.end()});
   }

@@ -1,19 +1,20 @@
 #include "wire/members.hpp"
 
 #include <algorithm>
+#include <iterator>
 #include <mutex>
 #include <set>
 #include <string_view>
 #include <utility>
 
 #include "keys/documents.hpp"
-#include "realtime/process.hpp"
 #include "session/check.hpp"
+#include "wire/transport/protection.hpp"
 
 namespace tactus::wire {
 namespace {
 
-constexpr std::uint32_t kLease = 0x02, kUserData = 0x2c, kKeyHash = 0x70;  // parameters (RTPS 2.2, 9.6.2)
+constexpr std::uint32_t kLease = 0x02, kUserData = 0x2c;  // parameters (RTPS 2.2, 9.6.2)
 constexpr std::int64_t kSecondNs = 1'000'000'000;
 constexpr std::int64_t kRoomIntervalNs = kSecondNs;
 constexpr std::int64_t kPresentNs = 10'000'000'000;  // since the last announcement
@@ -70,24 +71,40 @@ std::vector<std::uint64_t> ids_of_names(const keys::Permitted& names) {
   return ids;
 }
 
+/// `serials`: of revoked certificates that a newer list lacks.
+std::string text_of_missing(const std::vector<std::string>& serials) {
+  constexpr std::size_t kMaxNamed = 20;
+  std::string text = "found a list without " + std::to_string(serials.size()) +
+                     (serials.size() == 1 ? " key" : " keys") +
+                     " that the earlier one revokes; was the authority restored from a backup? revoke " +
+                     (serials.size() == 1 ? "it" : "them") + " again: ";
+  for (std::size_t i = 0; i < std::min(serials.size(), kMaxNamed); ++i) text += (i == 0 ? "" : ", ") + serials[i];
+  return text + (serials.size() > kMaxNamed ? ", ..." : "");
+}
+
 }  // namespace
 
-Members::Members(std::filesystem::path folder, keys::Member self, const std::string& participant, AuditLog& audit)
+Members::Members(std::filesystem::path folder, keys::Member self, const std::string& participant, AuditLog& audit,
+                 Clock clock)
     : folder_{std::move(folder)},
       self_{std::move(self)},
       own_id_{session::id_of(participant)},
       own_begin_{keys::guid_begin_of(self_.group, keys::identity_of(self_, participant))},
       audit_{audit},
-      revoked_{keys::read_revoked(folder_)} {}
+      clock_{std::move(clock)} {
+  const keys::RevokedKeys list = keys::read_revoked(folder_);
+  revoked_ = {list.serials.begin(), list.serials.end()};
+  list_made_ = list.made;
+}
 
 bool Members::admits(const std::uint8_t* message, std::uint32_t size, const Address& from) {
   const GuidPrefix sender = sender_of(message);
   std::uint32_t at = kRtpsHeader;
-  int handshakes = 0;
+  std::vector<RtpsBytes> handshakes;
   while (const std::optional<Submessage> found = submessage_at(message, size, at)) {
     const std::optional<RtpsData> data = data_of(*found);
     if (data && data->writer == kAnnouncements && !admits_announcement(data->payload, sender, from)) return false;
-    if (data && data->writer == kAuthentication) ++handshakes;
+    if (data && data->writer == kAuthentication) handshakes.push_back(data->payload);
     if (found->last) break;
     at = found->next;
   }
@@ -97,18 +114,53 @@ bool Members::admits(const std::uint8_t* message, std::uint32_t size, const Addr
     if (author == participants_.end() || has_ended(author->second)) return false;
     if (certificates_.at(author->second.certificate).is_cut_off) return false;
   }
-  return handshakes == 0 || admits_handshakes(handshakes, sender, from);
+  return handshakes.empty() || admits_handshakes(handshakes, sender, from);
 }
 
-bool Members::admits_handshakes(int count, const GuidPrefix& sender, const Address& from) {
-  {
-    const std::lock_guard lock{handshake_mutex_};
-    const std::int64_t now_ns = realtime::monotonic_ns();
-    while (count > 0 && handshakes_.admits(sender, now_ns)) --count;
+/// The library checks the certificate of a handshake with the list of revoked ones that it has read at the start. So
+/// the certificate must be the one that the sender has announced, which is checked with the newest list.
+bool Members::admits_handshakes(const std::vector<RtpsBytes>& handshakes, const GuidPrefix& sender,
+                                const Address& from) {
+  const std::unique_lock lock{mutex_};
+  const auto known = participants_.find(sender);
+  if (known == participants_.end()) return false;
+  if (!has_few_handshakes(known->second, handshakes.size())) {
+    audit_.add({"too many handshakes", "", from(), ""});
+    return false;
   }
-  if (count == 0) return true;
-  audit_.add({"too many handshakes", "", from(), ""});
-  return false;
+  const Certificate& announced = certificates_.at(known->second.certificate);
+  const keys::Identity identity{announced.role,        announced.name,      announced.serial,
+                                announced.valid_until, announced.permitted, ""};
+  for (const RtpsBytes& handshake : handshakes) {
+    const RtpsBytes certificate = certificate_in(handshake);
+    const std::string_view text{reinterpret_cast<const char*>(certificate.at), certificate.size};
+    if (text.empty() || keys::is_certificate_of(text, self_.group, identity)) continue;
+    audit_.add({"authentication of another participant", "", from(), ""});
+    return false;
+  }
+  return true;
+}
+
+/// Returns whether the library may read `more` messages of handshakes of a participant, and counts them.
+bool Members::has_few_handshakes(Participant& participant, std::size_t more) {
+  const std::int64_t now_ns = clock_();
+  const auto count = static_cast<double>(more);
+  if (participant.failed_handshakes >= kMaxFailedHandshakes || participant.handshakes.left(now_ns) < count)
+    return false;
+  if (!participant.is_proved) {
+    if (unproved_handshakes_from_.size() > kMaxUnproved)
+      std::erase_if(unproved_handshakes_from_, [&](const auto& entry) { return entry.second.is_full(now_ns); });
+    Allowance& of_address =
+        unproved_handshakes_from_
+            .try_emplace(participant.address, kMaxUnprovedRateOfAddress, kMaxUnprovedBurstOfAddress, now_ns)
+            .first->second;
+    if (of_address.left(now_ns) < count || unproved_handshakes_.left(now_ns) < count) return false;
+    of_address.take(count, now_ns);
+    unproved_handshakes_.take(count, now_ns);
+    participant.unproved_handshakes += static_cast<std::uint32_t>(more);
+  }
+  participant.handshakes.take(count, now_ns);
+  return true;
 }
 
 bool Members::admits_announcement(const RtpsBytes& payload, const GuidPrefix& sender, const Address& from) {
@@ -121,7 +173,7 @@ bool Members::admits_announcement(const RtpsBytes& payload, const GuidPrefix& se
   while (const auto parameter = parameters.next()) {
     const RtpsBytes& value = parameter->value;
     // The library rounds lengths up, and takes a key hash for the GUID.
-    if (value.size % kAlignment != 0 || parameter->id == kKeyHash) is_well_formed = false;
+    if (value.size % kAlignment != 0 || parameter->id == kKeyHashParameter) is_well_formed = false;
     if (parameter->id == kGuidParameter) {
       ++guids;
       if (value.size < sender.size() || !std::equal(sender.begin(), sender.end(), value.at)) is_well_formed = false;
@@ -145,7 +197,7 @@ bool Members::admits_announcement(const RtpsBytes& payload, const GuidPrefix& se
 /// Records the participant of an announcement. Returns false if it is refused.
 bool Members::record(const keys::Identity& identity, const GuidPrefix& sender, std::int64_t lease_ns,
                      const Address& from) {
-  const std::int64_t now_ns = realtime::monotonic_ns();
+  const std::int64_t now_ns = clock_();
   const std::uint64_t id = session::id_of(identity.participant);
   {
     const std::unique_lock lock{mutex_};
@@ -203,9 +255,7 @@ bool Members::record(const keys::Identity& identity, const GuidPrefix& sender, s
   return true;
 }
 
-bool Members::is_revoked(const std::string& serial) const {
-  return std::find(revoked_.serials.begin(), revoked_.serials.end(), serial) != revoked_.serials.end();
-}
+bool Members::is_revoked(const std::string& serial) const { return revoked_.count(serial) != 0; }
 
 /// Returns why a certificate is refused; null if it is not.
 const char* Members::reason_to_cut_off(const keys::Identity& identity, const keys::GuidBegin& begin) const {
@@ -215,16 +265,36 @@ const char* Members::reason_to_cut_off(const keys::Identity& identity, const key
   return known != certificates_.end() && known->second.is_cut_off ? "too many refused samples" : nullptr;
 }
 
+/// Returns the name of the member with another certificate that uses an id: this program, or a proved participant; null
+/// if there is none.
+const std::string* Members::other_member_with(std::uint64_t id, const keys::GuidBegin& certificate) const {
+  if (id == own_id_ && certificate != own_begin_) return &self_.name;
+  for (const auto& [prefix, other] : participants_) {
+    if (!other.is_proved || other.certificate == certificate) continue;
+    const Certificate& of_other = certificates_.at(other.certificate);
+    if (!of_other.is_cut_off && (contains(other.ids, id) || contains(of_other.ids, id))) return &of_other.name;
+  }
+  return nullptr;
+}
+
 /// An id is a hash of a name. A member could choose the name of an instance so that its id equals that of another
 /// member. So the id of this program, and an id that a proved participant uses, are refused to all other certificates.
 bool Members::is_id_of_another(std::uint64_t id, const keys::GuidBegin& certificate) const {
-  if (id == own_id_ && certificate != own_begin_) return true;
-  return std::any_of(participants_.begin(), participants_.end(), [&](const auto& entry) {
-    const Participant& other = entry.second;
-    if (!other.is_proved || other.certificate == certificate) return false;
-    const Certificate& of_other = certificates_.at(other.certificate);
-    return !of_other.is_cut_off && (contains(other.ids, id) || contains(of_other.ids, id));
-  });
+  return other_member_with(id, certificate) != nullptr;
+}
+
+/// Lets programs with other keys of the same member use the ids of programs with these keys, which are cut off or gone.
+/// All these ids are of names that the member may use.
+void Members::pass_on_ids(const keys::GuidBegin& earlier) {
+  const Certificate& of_earlier = certificates_.at(earlier);
+  std::vector<std::uint64_t> ids = of_earlier.ids;
+  for (const auto& [prefix, participant] : participants_)
+    if (participant.certificate == earlier) ids.insert(ids.end(), participant.ids.begin(), participant.ids.end());
+  for (auto& [begin, certificate] : certificates_) {
+    if (begin == earlier || certificate.is_cut_off || certificate.name != of_earlier.name) continue;
+    for (const std::uint64_t id : ids)
+      if (!is_id_of_another(id, begin)) learn_id(certificate, id);
+  }
 }
 
 bool Members::has_room(const std::string& address) const {
@@ -238,15 +308,19 @@ bool Members::has_room(const std::string& address) const {
 }
 
 /// Returns whether a participant has been silent for so long that the library no longer stores it. The library gets
-/// messages of an unproved one until its lease has ended (has_ended), and stores it for another lease.
+/// messages of an unproved one until its lease has ended (has_ended), and stores it for another lease. An unproved one
+/// is recorded for kMaxUnprovedTime, because a new one in its place has new handshakes.
 bool Members::may_forget(const Participant& participant, std::int64_t now_ns) {
-  return now_ns - participant.announced_ns > (participant.is_proved ? kSilentNs : 2 * participant.lease_ns);
+  const std::int64_t silent_ns = now_ns - participant.announced_ns;
+  if (participant.is_proved) return silent_ns > kSilentNs;
+  return silent_ns > 2 * participant.lease_ns &&
+         now_ns - participant.recorded_ns > std::chrono::nanoseconds{kMaxUnprovedTime}.count();
 }
 
 /// Forgets silent participants if there are too many. At most once in a second, because it takes long.
 bool Members::make_room(const std::string& address) {
   if (has_room(address)) return true;
-  const std::int64_t now_ns = realtime::monotonic_ns();
+  const std::int64_t now_ns = clock_();
   if (now_ns - made_room_ns_ < kRoomIntervalNs) return false;
   made_room_ns_ = now_ns;
   std::erase_if(participants_, [&](const auto& entry) { return may_forget(entry.second, now_ns); });
@@ -258,13 +332,15 @@ bool Members::make_room(const std::string& address) {
 }
 
 /// Returns whether a participant without a proved identity has announced nothing for its lease.
-bool Members::has_ended(const Participant& participant) {
-  return !participant.is_proved && realtime::monotonic_ns() - participant.announced_ns > participant.lease_ns;
+bool Members::has_ended(const Participant& participant) const {
+  return !participant.is_proved && clock_() - participant.announced_ns > participant.lease_ns;
 }
 
-void Members::cut_off(Certificate& certificate, const char* why) {
+void Members::cut_off(const keys::GuidBegin& begin, const char* why) {
+  Certificate& certificate = certificates_.at(begin);
   certificate.is_cut_off = true;
   audit_.add({"cut off", certificate.subject, "", why + serial_text(certificate.serial)});
+  pass_on_ids(begin);
 }
 
 /// Returns whether the author of a sample is the program that it names: by its own name, or by one that it has
@@ -280,19 +356,22 @@ bool Members::states_own_name(const Certificate& certificate, const Claim& claim
          session::id_of(*claim.name) == claim.participant;
 }
 
-/// Returns whether forged announcements may have kept the id of a program out of Participant::ids. Then its samples do
-/// not count until one states its name, and it is not cut off for them. A program states its name within a second.
-bool Members::may_be_diverted(const Participant& author) {
+/// Returns whether a program may use an id that is missing in Participant::ids: forged announcements may have kept it
+/// out, or a program with other keys of the same member uses it. Then its samples do not count until one states its
+/// name and no other program has the id, and it is not cut off for them. A program states its name within a second.
+bool Members::may_be_diverted(const Participant& author, const Certificate& certificate, const Claim& claim) const {
+  const std::string* const other = other_member_with(*claim.participant, author.certificate);
+  if (other != nullptr) return *other == certificate.name;
   return author.ids.size() == Participant::kMaxIds &&
-         realtime::monotonic_ns() - author.recorded_ns < std::chrono::nanoseconds{kMaxUnprovedTime}.count();
+         clock_() - author.recorded_ns < std::chrono::nanoseconds{kMaxUnprovedTime}.count();
 }
 
-/// Stores the id of a program whose sample states its name.
-void Members::learn_name(Certificate& certificate, const Claim& claim) {
+/// Stores the id of a program of this member.
+void Members::learn_id(Certificate& certificate, std::uint64_t id) {
   constexpr std::size_t kMaxPrograms = 64;  // with the same keys
-  if (!states_own_name(certificate, claim) || contains(certificate.ids, *claim.participant)) return;
+  if (contains(certificate.ids, id)) return;
   if (certificate.ids.size() == kMaxPrograms) certificate.ids.erase(certificate.ids.begin());
-  certificate.ids.push_back(*claim.participant);
+  certificate.ids.push_back(id);
 }
 
 const char* Members::refusal_of(const Participant& author, const Certificate& certificate, const Claim& claim,
@@ -347,32 +426,35 @@ bool Members::is_author(const GuidPrefix& participant, const Claim& claim, const
   Certificate& certificate = certificates_.at(author->second.certificate);
   const char* const why = refusal_of(author->second, certificate, claim, topic);
   if (why == nullptr) {  // an announcement has added the id since, or the list or the name is new
-    learn_name(certificate, claim);
+    if (states_own_name(certificate, claim)) learn_id(certificate, *claim.participant);
     if (claim.entry != nullptr && session::invalid_field(*claim.entry) == nullptr)
       author->second.list_made = claim.entry->revoked_made_s;
     return !certificate.is_cut_off;
   }
   audit_.add({why, certificate.subject, "", topic});
-  if (is_sender(author->second, certificate, claim) || !may_be_diverted(author->second)) count_refused(certificate);
+  if (is_sender(author->second, certificate, claim) || !may_be_diverted(author->second, certificate, claim))
+    count_refused(author->second.certificate);
   return false;
 }
 
-void Members::count_refused(Certificate& certificate) {
-  const std::int64_t now_ns = realtime::monotonic_ns();
+void Members::count_refused(const keys::GuidBegin& begin) {
+  Certificate& certificate = certificates_.at(begin);
+  if (certificate.is_cut_off) return;  // the number shows why, until this program starts again
+  const std::int64_t now_ns = clock_();
   if (now_ns - certificate.refused_since_ns > std::chrono::nanoseconds{kRefusedWindow}.count()) {
     certificate.refused_since_ns = now_ns;
     certificate.refused = 0;
   }
-  if (++certificate.refused == kMaxRefused) cut_off(certificate, "too many refused samples");
+  if (++certificate.refused == kMaxRefused) cut_off(begin, "too many refused samples");
 }
 
 void Members::report_invalid(const GuidPrefix& participant, const char* topic, const char* reason) {
   const std::unique_lock lock{mutex_};
   const auto author = participants_.find(participant);
   if (author == participants_.end()) return;
-  Certificate& certificate = certificates_.at(author->second.certificate);
-  audit_.add({"invalid sample", certificate.subject, "", std::string{topic} + ", " + reason});
-  count_refused(certificate);
+  const std::string& subject = certificates_.at(author->second.certificate).subject;
+  audit_.add({"invalid sample", subject, "", std::string{topic} + ", " + reason});
+  count_refused(author->second.certificate);
 }
 
 void Members::report_excess(const GuidPrefix& participant, const char* topic) const {
@@ -405,7 +487,7 @@ std::vector<std::uint64_t> Members::ids_of(const GuidPrefix& participant) const 
 
 /// The library waits for a participant that never answers in the handshake, and reports no failure.
 void Members::on_announcement(const GuidPrefix& participant) {
-  const std::int64_t now_ns = realtime::monotonic_ns();
+  const std::int64_t now_ns = clock_();
   const std::unique_lock lock{mutex_};
   const auto known = participants_.find(participant);
   if (known == participants_.end() || known->second.is_proved) return;
@@ -425,15 +507,31 @@ void Members::on_authentication(const GuidPrefix& participant, bool succeeded) {
     Participant& proved = known->second;
     std::erase_if(proved.ids, [&](std::uint64_t id) { return is_id_of_another(id, proved.certificate); });
     proved.is_proved = true;
+    proved.failed_handshakes = 0;
+    unproved_handshakes_.give_back(proved.unproved_handshakes);
+    if (const auto from = unproved_handshakes_from_.find(proved.address); from != unproved_handshakes_from_.end())
+      from->second.give_back(proved.unproved_handshakes);
+    proved.unproved_handshakes = 0;
     audit_.add({"joined", stated, "", ""});
   } else {
+    if (known != participants_.end() && !known->second.is_proved) ++known->second.failed_handshakes;
     audit_.add({"not authenticated", "", "", stated.empty() ? "" : "states to be " + stated});
   }
 }
 
+/// An unproved participant keeps its place (may_forget).
+void Members::on_gone(const GuidPrefix& participant) {
+  const std::unique_lock lock{mutex_};
+  const auto known = participants_.find(participant);
+  if (known == participants_.end() || !known->second.is_proved) return;
+  known->second.is_proved = false;
+  pass_on_ids(known->second.certificate);
+  participants_.erase(known);
+}
+
 std::time_t Members::list_made() const {
   const std::shared_lock lock{mutex_};
-  return revoked_.made;
+  return list_made_;
 }
 
 /// Reads the list of revoked certificates again.
@@ -447,31 +545,39 @@ void Members::read_list(std::vector<std::string>& reports) {
     return;
   }
   const std::unique_lock lock{mutex_};
-  if (list->made < revoked_.made) {
+  std::set<std::string> serials{list->serials.begin(), list->serials.end()};
+  if (list->made < list_made_) {
     reports.push_back(file + ": found the list of " + keys::utc_text(list->made) + ", older than that of " +
-                      keys::utc_text(revoked_.made) + ", which stays in force; copy the newest one from the authority");
-  } else if (list->made != revoked_.made || list->serials != revoked_.serials) {
-    revoked_ = std::move(*list);
-    reports.push_back("read a new list: " + text_of(revoked_));
-    audit_.add({"new list", "", "", text_of(revoked_)});
+                      keys::utc_text(list_made_) + ", which stays in force; copy the newest one from the authority");
+  } else if (list->made != list_made_ ||
+             !std::includes(revoked_.begin(), revoked_.end(), serials.begin(), serials.end())) {
+    reports.push_back("read a new list: " + text_of(*list));
+    audit_.add({"new list", "", "", text_of(*list)});
+    std::vector<std::string> missing;
+    std::set_difference(revoked_.begin(), revoked_.end(), serials.begin(), serials.end(), std::back_inserter(missing));
+    if (!missing.empty()) reports.push_back(file + ": " + text_of_missing(missing));
+    if (missing.size() > kMaxEarlierRevoked) missing.resize(kMaxEarlierRevoked);
+    serials.insert(missing.begin(), missing.end());
+    revoked_ = std::move(serials);
+    list_made_ = list->made;
     for (auto& [prefix, participant] : participants_) participant.differing_checks = 0;
   }
 }
 
 /// Adds messages about present programs whose list of revoked certificates is another one.
 void Members::compare_lists(std::vector<std::string>& reports) {
-  const std::int64_t now_ns = realtime::monotonic_ns();
+  const std::int64_t now_ns = clock_();
   for (auto& [prefix, participant] : participants_) {
     const bool is_present = participant.is_proved && now_ns - participant.announced_ns < kPresentNs;
     if (!is_present || participant.list_made == 0) continue;
-    participant.differing_checks = participant.list_made == revoked_.made ? 0 : participant.differing_checks + 1;
+    participant.differing_checks = participant.list_made == list_made_ ? 0 : participant.differing_checks + 1;
     // The other program may read a list that has just been copied up to 5 s later. There is one report of a difference,
     // because a changed program can state any time.
     if (participant.differing_checks != kDifferingChecks) continue;
     const std::string& other = certificates_.at(participant.certificate).subject;
-    const bool is_own_older = revoked_.made < participant.list_made;
-    const std::string older = keys::utc_text(std::min(revoked_.made, participant.list_made)),
-                      newer = keys::utc_text(std::max(revoked_.made, participant.list_made));
+    const bool is_own_older = list_made_ < participant.list_made;
+    const std::string older = keys::utc_text(std::min(list_made_, participant.list_made)),
+                      newer = keys::utc_text(std::max(list_made_, participant.list_made));
     reports.push_back(
         (is_own_older
              ? folder_.string() + ": found the list of revoked keys of " + older + "; " + other + " has a newer one"
@@ -492,7 +598,7 @@ std::vector<std::string> Members::check_again(std::time_t now) {
     if (certificate.is_cut_off || (!is_revoked(certificate.serial) && now <= certificate.valid_until)) continue;
     certificate.is_cut_off = true;
     if (proved.count(begin) == 0) continue;  // anybody may have stated it
-    cut_off(certificate, is_revoked(certificate.serial) ? "revoked" : "expired");
+    cut_off(begin, is_revoked(certificate.serial) ? "revoked" : "expired");
     reports.push_back("the keys of " + certificate.subject +
                       (is_revoked(certificate.serial) ? " are revoked"
                                                       : " have expired on " + keys::utc_text(certificate.valid_until)) +

@@ -4,7 +4,7 @@
 ///                        lease < kMaxLease, few unproved ones of its address    -> the library discovers the sender
 ///     any other message  the sender is recorded, its certificate is not cut off,
 ///                        and it is proved or has announced itself within its
-///                        lease; few handshakes                                  -> the library reads it
+///                        lease; few handshakes, with its own certificate        -> the library reads it
 ///     sample             its author is the member that it claims, the role of
 ///                        this member may write the topic, and its keys permit the
 ///                        users and the object that the sample names               -> the program gets it
@@ -15,7 +15,7 @@
 /// participants when their leases end.
 ///
 /// Threads: any. Cost of a message or a sample: two lookups in trees and, for a restricted member, a search of its
-/// permitted names, with a shared lock; an announcement takes the exclusive lock.
+/// permitted names, with a shared lock; an announcement or a handshake takes the exclusive lock.
 #pragma once
 
 #include <chrono>
@@ -24,14 +24,15 @@
 #include <filesystem>
 #include <functional>
 #include <map>
-#include <mutex>
 #include <optional>
+#include <set>
 #include <shared_mutex>
 #include <string>
 #include <vector>
 
 #include "keys/identity.hpp"
 #include "keys/member.hpp"
+#include "realtime/process.hpp"
 #include "session/messages.hpp"
 #include "wire/audit.hpp"
 #include "wire/rate_limit.hpp"
@@ -65,18 +66,32 @@ class Members {
   /// to 20 s.
   static constexpr std::chrono::seconds kMaxLease{30};
   /// Time after the first announcement of an unproved participant, after which its announcements are refused for two of
-  /// its leases. Otherwise it could occupy its place for ever.
+  /// its leases. Otherwise it could occupy its place for ever. It has its place for at least this time, also if it has
+  /// ended.
   static constexpr std::chrono::seconds kMaxUnprovedTime{30};
   /// Longer than the handshake takes if many of its messages are lost: the library repeats each after half a second.
   static constexpr std::chrono::seconds kMaxHandshake{10};
-  /// Messages of handshakes that the library reads from each participant in a second, and RateLimit::kMinBurst at once.
-  /// Each one costs it a verified signature, and with Fast DDS 2.9.1 some 4 KB that it never frees:
-  /// PKIDH::begin_handshake_reply reads the certificate of the sender again after each failure.
-  static constexpr std::uint32_t kMaxHandshakeRate = 2;
+  /// Messages of handshakes that the library reads from each participant: in a second, and at once. Each one costs it a
+  /// verified signature, and with Fast DDS 2.9.1 some 4 KB that it never frees: PKIDH::begin_handshake_reply reads the
+  /// certificate of the sender again after each failure.
+  static constexpr std::uint32_t kMaxHandshakeRate = 2, kMaxHandshakeBurst = 8;
+  /// Failures after which the library reads no further handshakes of a participant.
+  static constexpr int kMaxFailedHandshakes = 3;
+  /// Messages of handshakes that the library reads from all unproved participants and from those of one address: in a
+  /// second, and at once. Those of participants that prove their identity later do not count. At once, each place has
+  /// four messages: two of a handshake, and two repeated ones.
+  static constexpr std::uint32_t kMaxUnprovedRate = 2, kMaxUnprovedRateOfAddress = 1;
+  static constexpr std::uint32_t kMaxUnprovedBurst = 4 * kMaxUnproved,
+                                 kMaxUnprovedBurstOfAddress = 4 * kMaxUnprovedFromAddress;
+  /// Max number of revoked certificates that only earlier lists name.
+  static constexpr std::size_t kMaxEarlierRevoked = 10'000;
 
+  /// Returns the time in ns; never decreases.
+  using Clock = std::function<std::int64_t()>;
   /// `folder`: with the keys of this program, `self`. `participant`: its name in the session. `audit` gets an event for
   /// each refusal; must outlive this.
-  Members(std::filesystem::path folder, keys::Member self, const std::string& participant, AuditLog& audit);
+  Members(std::filesystem::path folder, keys::Member self, const std::string& participant, AuditLog& audit,
+          Clock clock = realtime::monotonic_ns);
 
   /// Returns whether the library may read a message. `from` returns the address of its sender.
   using Address = std::function<std::string()>;
@@ -105,10 +120,13 @@ class Members {
   /// The library reports whether a participant has proved its identity.
   void on_authentication(const GuidPrefix& participant, bool succeeded);
 
+  /// The library reports that a participant has left, or that its lease has ended. It has to prove its identity again.
+  void on_gone(const GuidPrefix& participant);
+
   /// Reads the list of revoked certificates again, and cuts off those that are revoked or have expired. Does not use a
-  /// list that is older than the one in use, because revoked keys would become valid again. Returns messages for the
-  /// log: a new list, or one that cannot be used, members that were cut off, members that use another list, and the end
-  /// of this program's own certificate.
+  /// list that is older than the one in use. A certificate that an earlier list names stays revoked. Returns messages
+  /// for the log: a new list, one that cannot be used or lacks keys, members that were cut off, members that use
+  /// another list, and the end of this program's own certificate.
   [[nodiscard]] std::vector<std::string> check_again(std::time_t now);
 
   /// Returns when the authority has made the list of revoked certificates that this program uses.
@@ -138,31 +156,39 @@ class Members {
     std::int64_t lease_ns = 0;           // the longest one that it has stated
     std::int64_t expected_since_ns = 0;  // first announcement that the library has received; 0: none
     bool is_proved = false;
+    Allowance handshakes{kMaxHandshakeRate, kMaxHandshakeBurst, 0};
+    std::uint32_t unproved_handshakes = 0;  // messages that the library has read while it was unproved
+    int failed_handshakes = 0;
     std::time_t list_made = 0;  // of the list of revoked certificates that it uses; 0: not yet known
     int differing_checks = 0;   // number of checks since that list and the own one differ
   };
 
   [[nodiscard]] bool admits_announcement(const RtpsBytes& payload, const GuidPrefix& sender, const Address& from);
-  [[nodiscard]] bool admits_handshakes(int count, const GuidPrefix& sender, const Address& from);
+  [[nodiscard]] bool admits_handshakes(const std::vector<RtpsBytes>& handshakes, const GuidPrefix& sender,
+                                       const Address& from);
+  [[nodiscard]] bool has_few_handshakes(Participant& participant, std::size_t more);
   [[nodiscard]] bool record(const keys::Identity& identity, const GuidPrefix& sender, std::int64_t lease_ns,
                             const Address& from);
   [[nodiscard]] bool is_revoked(const std::string& serial) const;
   [[nodiscard]] const char* reason_to_cut_off(const keys::Identity& identity, const keys::GuidBegin& begin) const;
+  [[nodiscard]] const std::string* other_member_with(std::uint64_t id, const keys::GuidBegin& certificate) const;
   [[nodiscard]] bool is_id_of_another(std::uint64_t id, const keys::GuidBegin& certificate) const;
-  [[nodiscard]] static bool has_ended(const Participant& participant);
+  void pass_on_ids(const keys::GuidBegin& earlier);
+  [[nodiscard]] bool has_ended(const Participant& participant) const;
   [[nodiscard]] static bool may_forget(const Participant& participant, std::int64_t now_ns);
   [[nodiscard]] bool has_room(const std::string& address) const;
   [[nodiscard]] bool make_room(const std::string& address);
   [[nodiscard]] bool is_sender(const Participant& author, const Certificate& certificate, const Claim& claim) const;
   [[nodiscard]] static bool states_own_name(const Certificate& certificate, const Claim& claim);
-  [[nodiscard]] static bool may_be_diverted(const Participant& author);
-  static void learn_name(Certificate& certificate, const Claim& claim);
+  [[nodiscard]] bool may_be_diverted(const Participant& author, const Certificate& certificate,
+                                     const Claim& claim) const;
+  static void learn_id(Certificate& certificate, std::uint64_t id);
   /// The event of the audit log that refuses a sample; null if it is not refused.
   [[nodiscard]] const char* refusal_of(const Participant& author, const Certificate& certificate, const Claim& claim,
                                        const char* topic) const;
   [[nodiscard]] static bool has_permitted_users(const Certificate& certificate, const session::RosterEntry& entry);
-  void count_refused(Certificate& certificate);
-  void cut_off(Certificate& certificate, const char* why);
+  void count_refused(const keys::GuidBegin& begin);
+  void cut_off(const keys::GuidBegin& begin, const char* why);
   void read_list(std::vector<std::string>& reports);
   void compare_lists(std::vector<std::string>& reports);
 
@@ -171,13 +197,16 @@ class Members {
   const std::uint64_t own_id_;
   const keys::GuidBegin own_begin_;
   AuditLog& audit_;
+  const Clock clock_;
   mutable std::shared_mutex mutex_;  // for the members below
-  keys::RevokedKeys revoked_;
+  std::set<std::string> revoked_;    // serial numbers in all lists that this program has read
+  std::time_t list_made_ = 0;        // of the newest one
   std::map<keys::GuidBegin, Certificate> certificates_;
   std::map<GuidPrefix, Participant> participants_;
   std::int64_t made_room_ns_ = 0;
-  std::mutex handshake_mutex_;  // for `handshakes_`
-  RateLimit handshakes_{kMaxHandshakeRate};
+  // Of unproved participants, and of those of each address.
+  Allowance unproved_handshakes_{kMaxUnprovedRate, kMaxUnprovedBurst, 0};
+  std::map<std::string, Allowance> unproved_handshakes_from_;
 };
 
 }  // namespace tactus::wire

@@ -1,5 +1,4 @@
-/// Limits the samples of one topic that a program accepts from each participant, so that one participant can hardly
-/// fill the queue in which the samples of all wait.
+/// Limits of what a program accepts from others in a second.
 #pragma once
 
 #include <algorithm>
@@ -10,6 +9,30 @@
 
 namespace tactus::wire {
 
+/// A number that grows with time up to a maximum, and of which one may take (token bucket).
+class Allowance {
+ public:
+  /// `rate`: growth in a second. `max`: at most this much, and at the begin.
+  Allowance(double rate, double max, std::int64_t now_ns) : rate_{rate}, max_{max}, left_{max}, at_ns_{now_ns} {}
+
+  /// Returns what is left. `now_ns`: monotonic clock, never decreases.
+  [[nodiscard]] double left(std::int64_t now_ns) const {
+    return std::min(max_, left_ + static_cast<double>(now_ns - at_ns_) * 1e-9 * rate_);
+  }
+  [[nodiscard]] bool is_full(std::int64_t now_ns) const { return left(now_ns) >= max_; }
+  void take(double count, std::int64_t now_ns) {
+    left_ = left(now_ns) - count;
+    at_ns_ = now_ns;
+  }
+  void give_back(double count) { left_ = std::min(max_, left_ + count); }
+
+ private:
+  double rate_, max_, left_;
+  std::int64_t at_ns_;
+};
+
+/// Limits the samples of one topic that a program accepts from each participant, so that one participant can hardly
+/// fill the queue in which the samples of all wait.
 class RateLimit {
  public:
   /// Max number of participants that are recorded at a time. One more removes all records.
@@ -25,22 +48,15 @@ class RateLimit {
   /// Returns whether a sample that arrives now is within the limit. `now_ns`: monotonic clock, never decreases.
   [[nodiscard]] bool admits(const GuidPrefix& participant, std::int64_t now_ns) {
     if (senders_.size() == kMaxParticipants && senders_.count(participant) == 0) senders_.clear();
-    Sender& sender = senders_.try_emplace(participant, Sender{burst_, now_ns}).first->second;
-    sender.left = std::min(burst_, sender.left + static_cast<double>(now_ns - sender.at_ns) * 1e-9 * max_rate_);
-    sender.at_ns = now_ns;
-    if (sender.left < 1) return false;
-    sender.left -= 1;
+    Allowance& sender = senders_.try_emplace(participant, max_rate_, burst_, now_ns).first->second;
+    if (sender.left(now_ns) < 1) return false;
+    sender.take(1, now_ns);
     return true;
   }
 
  private:
-  struct Sender {
-    double left;  // samples that it may send at once
-    std::int64_t at_ns;
-  };
-
   double max_rate_, burst_;
-  std::map<GuidPrefix, Sender> senders_;
+  std::map<GuidPrefix, Allowance> senders_;
 };
 
 }  // namespace tactus::wire

@@ -151,6 +151,11 @@ void Security::onParticipantAuthentication(dds::DomainParticipant*, rtps::Partic
 } catch (...) {  // out of memory: the audit log lacks an event
 }
 
+void Security::on_gone(const rtps::GUID_t& participant) try {
+  members_.on_gone(prefix_of(participant));
+} catch (...) {  // out of memory
+}
+
 /// Writes the audit log twice a second, and checks certificates every kCheckInterval.
 void Security::watch() {
   constexpr std::chrono::milliseconds kWriteInterval{500};

@@ -8,6 +8,7 @@
 #include <mutex>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "keys/member.hpp"
 #include "wire/address/address.hpp"
@@ -35,7 +36,7 @@ void expect_permitted(const keys::Member& member, const char* kind, const std::s
 
 /// Must outlive the participants. Has a thread, which writes the audit log and checks the certificates of all members
 /// again. Threads: any.
-class Security final : public dds::DomainParticipantListener {
+class Security final : public ParticipantListener {
  public:
   /// A certificate is cut off at most this time after the new list of revoked ones is there, or after it has expired.
   /// Its participants are gone after their lease of 4 s.
@@ -63,6 +64,8 @@ class Security final : public dds::DomainParticipantListener {
 
  private:
   void onParticipantAuthentication(dds::DomainParticipant*, rtps::ParticipantAuthenticationInfo&& info) override;
+  void on_present(const rtps::GUID_t&, const std::vector<rtps::Locator_t>&) override {}
+  void on_gone(const rtps::GUID_t& participant) override;
   void watch();
 
   const std::filesystem::path folder_;
