@@ -7,6 +7,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <utility>
@@ -164,9 +165,9 @@ struct BulkChunk {
   std::uint32_t epoch = 0;     ///< newest epoch of a demand that the host has received from this HRTC for this object
   std::uint32_t sent_us = 0;   ///< sender's monotonic clock, modulo 2^32
   std::vector<BulkPiece> pieces;  ///< pieces of base meshes or of regions, not both; empty: an echo
-  /// Set by the receiver, not sent: ids of the programs of the member whose keys prove that it has sent the chunk.
-  /// Empty: without keys.
-  std::vector<std::uint64_t> senders;
+  /// Set by the receiver, not sent: ids of the programs of the member whose keys prove that it has sent the chunk; empty
+  /// if none is known. nullopt: without keys.
+  std::optional<std::vector<std::uint64_t>> senders;
 
   [[nodiscard]] BulkKind kind() const noexcept {
     return pieces.empty() ? BulkKind::kEcho : pieces.front().region == spm::kNone ? BulkKind::kBase : BulkKind::kRegion;

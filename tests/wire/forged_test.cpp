@@ -8,6 +8,7 @@
 #include <sys/socket.h>
 
 #include <algorithm>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -228,6 +229,13 @@ TEST_F(ForgedTest, ASampleWithAWrongFieldIsInTheAuditLog) {
   while (const auto sample = inbox.next(0ms)) EXPECT_EQ(sample->user_id, ses::id_of("museum"));
   EXPECT_TRUE(is_in_audit_log(R"("event":"invalid sample","subject":"operator museum",)"
                               R"("detail":"tactus_intent, user_id: expected the user of the partition")"));
+}
+
+TEST_F(ForgedTest, AChunkOfAProgramWithoutAKnownIdHasAnEmptyListOfSenders) {
+  const dds::SampleInfo of_unknown{};
+  EXPECT_EQ(desk_.impl().authors_of(of_unknown), std::vector<std::uint64_t>{});
+  Participants plain{address(unique_session("plain"), "desk")};
+  EXPECT_EQ(plain.impl().authors_of(of_unknown), std::nullopt) << "without keys";
 }
 
 TEST_F(ForgedTest, AHostCannotOfferObjectsThatItsKeysDoNotName) {
