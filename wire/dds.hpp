@@ -30,10 +30,6 @@
 
 namespace tactus::wire {
 
-/// Number of failed decodings in this thread. Fast DDS drops such samples silently, so a Reader compares the number
-/// before and after it takes a sample.
-inline thread_local std::uint64_t decode_failures = 0;
-
 /// Makes a generated type safe for untrusted samples and for several endpoints in several threads.
 ///
 /// No exception leaves the decoder. The key is computed on the stack instead of in a buffer that all endpoints share.
@@ -52,11 +48,10 @@ class Guarded : public LibraryType<Support> {
 
   bool decode(rtps::SerializedPayload_t& payload, void* sample) override {
     try {
-      if (this->decode_generated(payload, sample)) return true;
+      return this->decode_generated(payload, sample);
     } catch (...) {  // Fast CDR throws for a boolean that is neither 0 nor 1, std::vector for a size that is too large
+      return false;
     }
-    ++decode_failures;
-    return false;
   }
 
   [[nodiscard]] Key compute(const void* sample) const override {

@@ -6,11 +6,10 @@
 #include <utility>
 
 #include "keys/documents.hpp"
-#include "realtime/process.hpp"
 #include "session/check.hpp"
 #include "wire/convert.hpp"
 #include "wire/dds.hpp"
-#include "wire/rate_limit.hpp"
+#include "wire/sample_filter.hpp"
 
 namespace tactus::wire {
 namespace {
@@ -162,11 +161,8 @@ bool Writer<Sample>::wait_acknowledged(std::chrono::milliseconds limit) noexcept
 template <class Sample>
 struct Reader<Sample>::Impl final : dds::DataReaderListener {
   Impl(Participants& in, const TopicSpec<Sample>& spec, OnSample callback, const EndpointOptions& options)
-      : participants{in},
-        participant{in.impl().participant(spec.traffic)},
-        topic{spec.name},
-        limit{spec.max_rate},
-        user{user_id_of(options.partition)},
+      : participant{in.impl().participant(spec.traffic)},
+        filter{in.impl(), spec, user_id_of(options.partition)},
         on_sample{std::move(callback)} {
     const auto qos = with_partition<dds::SubscriberQos>(in.impl(), options.partition, dds::SUBSCRIBER_QOS_DEFAULT);
     subscriber = participant.create_subscriber(qos);
@@ -192,55 +188,31 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
     const std::lock_guard<std::mutex> lock{mutex};  // DDS has separate threads for unicast and multicast
     if (closed) return;
     dds::SampleInfo info;
-    for (;;) {
-      const std::uint64_t failures = decode_failures;
-      const bool taken = succeeded(from->take_next_sample(&encoded, &info));
-      if (decode_failures != failures) {
-        invalid += decode_failures - failures;
-        invalid_reason = "encoding: expected the encoding of the type";
-      }
-      if (!taken) return;
+    while (succeeded(from->take_next_sample(&encoded, &info)))
       if (info.valid_data) take(info);
-    }
   }
 
   void take(const dds::SampleInfo& info) {
-    const GuidPrefix author = prefix_of(info.sample_identity.writer_guid());
-    if (author == prefix_of(participant.guid())) return;
-    if (const std::int64_t now_ns = realtime::monotonic_ns(); !limit.admits(author, now_ns)) {
-      constexpr std::int64_t kReportNs = 1'000'000'000;
-      ++excess;
-      if (now_ns - excess_reported_ns > kReportNs) {
-        excess_reported_ns = now_ns;
-        participants.impl().report_excess(author, topic);
-      }
-      return;
-    }
-    if constexpr (kHasOrigin<Sample>) {
-      if (encoded.stamp().session() != participants.impl().session_id) {
+    switch (filter.check(encoded, info, sample)) {
+      case Verdict::kAccepted:
+        ++received;
+        return on_sample(std::move(sample));
+      case Verdict::kOwn:
+        return;
+      case Verdict::kExcess:
+        ++excess;
+        return;
+      case Verdict::kForeign:
         ++foreign;
         return;
-      }
+      case Verdict::kInvalid:
+        ++invalid;
+        invalid_reason = filter.invalid_reason();
+        return;
+      case Verdict::kRefused:
+        ++refused;
+        return;
     }
-    from_idl(encoded, sample);
-    const char* wrong = invalid_field(sample);
-    if constexpr (requires { sample.user_id; }) {
-      if (wrong == nullptr && user != 0 && sample.user_id != user)
-        wrong = "user_id: expected the user of the partition";
-    }
-    if (wrong != nullptr) {
-      ++invalid;
-      invalid_reason = wrong;
-      participants.impl().report_invalid(author, topic, wrong);
-      return;
-    }
-    if constexpr (!kHasOrigin<Sample>) sample.senders = participants.impl().authors_of(info);
-    if (!participants.impl().is_author(info, claim_of(sample), topic)) {
-      ++refused;
-      return;
-    }
-    ++received;
-    on_sample(std::move(sample));
   }
 
   void on_requested_incompatible_qos(dds::DataReader* own, const dds::RequestedIncompatibleQosStatus& status) override {
@@ -255,16 +227,12 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
     lost += static_cast<std::uint64_t>(status.total_count_change);
   }
 
-  Participants& participants;
   dds::DomainParticipant& participant;
-  const char* topic;
-  RateLimit limit;
-  std::int64_t excess_reported_ns = 0;
-  std::uint64_t user;  // whose samples the reader expects; 0: of all
+  SampleFilter<Sample> filter;
   OnSample on_sample;
   dds::Subscriber* subscriber = nullptr;
   dds::DataReader* reader = nullptr;
-  std::mutex mutex;  // for `closed`, `encoded`, `sample`
+  std::mutex mutex;  // for `closed`, `filter`, `encoded`, `sample`
   bool closed = false;
   typename IdlOf<Sample>::Type encoded;
   Sample sample{};

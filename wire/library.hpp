@@ -110,6 +110,10 @@ template <class Type>
 #endif
 }
 
+/// Whether the sample that the library decoded last in this thread was valid. The library drops a sample that a type
+/// cannot deserialize, and does not name its author. So LibraryType::deserialize always returns true.
+inline thread_local bool is_last_sample_decoded = false;
+
 /// A generated type with the virtual functions of both versions under the same names.
 template <class Support>
 class LibraryType : public Support {
@@ -120,11 +124,16 @@ class LibraryType : public Support {
   [[nodiscard]] virtual Key compute(const void* sample) const = 0;
 
 #ifdef TACTUS_FAST_DDS_3
-  bool deserialize(rtps::SerializedPayload_t& payload, void* sample) final { return decode(payload, sample); }
+  bool deserialize(rtps::SerializedPayload_t& payload, void* sample) final {
+    is_last_sample_decoded = decode(payload, sample);
+    return true;
+  }
   bool compute_key(const void* const sample, rtps::InstanceHandle_t& handle, bool) final { return set(handle, sample); }
+  /// Sets a key also for a sample that cannot be decoded, as version 2.9 does, so that a reader takes the sample.
   bool compute_key(rtps::SerializedPayload_t& payload, rtps::InstanceHandle_t& handle, bool) final {
     void* const sample = this->create_data();
-    const bool is_set = decode(payload, sample) && set(handle, sample);
+    (void)decode(payload, sample);
+    const bool is_set = set(handle, sample);
     this->delete_data(sample);
     return is_set;
   }
@@ -134,7 +143,10 @@ class LibraryType : public Support {
     return Support::deserialize(payload, sample);
   }
 #else
-  bool deserialize(rtps::SerializedPayload_t* payload, void* sample) final { return decode(*payload, sample); }
+  bool deserialize(rtps::SerializedPayload_t* payload, void* sample) final {
+    is_last_sample_decoded = decode(*payload, sample);
+    return true;
+  }
   bool getKey(void* sample, rtps::InstanceHandle_t* handle, bool) final { return set(*handle, sample); }
 
  protected:

@@ -7,6 +7,7 @@
 #include "wire/dds.hpp"
 #include "wire/endpoints.hpp"
 #include "wire/idl_text.hpp"
+#include "wire/sample_filter.hpp"
 #include "wire/topics.hpp"
 
 namespace tactus::wire {
@@ -159,15 +160,11 @@ struct Tap::Impl {
           {spec.name, topic.get_type_name(), is_group_topic ? "g/*" : std::string{", u/*, h/*, "} + kLossesPartition});
       readers.push_back(std::make_unique<RawReader>(
           in.participant(spec.traffic), topic, partitions, in.reader_qos.at(spec.profile),
-          [&in, on_sample, on_decoded, number, name = spec.name](const Encoded& encoded, const dds::SampleInfo& info) {
-            Sample sample;
-            if ((in.security && kHasOrigin<Sample>) || on_decoded) from_idl(Raw<Support>::decoded(encoded), sample);
-            if (!in.is_author(info, claim_of(sample), name)) return;
+          [filter = SampleFilter<Sample>{in, spec}, sample = Sample{}, on_sample, on_decoded, number](
+              const Encoded& encoded, const dds::SampleInfo& info) mutable {
+            if (filter.check(Raw<Support>::decoded(encoded), info, sample) != Verdict::kAccepted) return;
             on_sample(number, encoded.bytes);
-            if (!on_decoded) return;
-            if constexpr (requires { sample.origin; })
-              if (sample.origin.session != in.session_id) return;
-            if (invalid_field(sample) == nullptr) on_decoded(AnySample{std::move(sample)});
+            if (on_decoded) on_decoded(AnySample{std::move(sample)});
           }));
     });
   }

@@ -33,14 +33,15 @@ using AnySample = std::variant<session::RosterEntry, session::CatalogueEntry, se
 /// this name.
 [[nodiscard]] std::optional<AnySample> decode(const std::string& topic, std::span<const std::uint8_t> encoded);
 
-/// Reads the selected topics in all partitions of the session. Drops samples that cannot be decoded. Writers send each
-/// best-effort sample to a tap's readers too; for class bulk this doubles the traffic.
+/// Reads the selected topics in all partitions of the session. Drops and reports the samples that a Reader would drop,
+/// except those of another user than the partition names. Writers send each best-effort sample to a tap's readers too;
+/// for class bulk this doubles the traffic.
 class Tap {
  public:
   /// `topic`: index in topics(). `encoded`: the sample with its encapsulation header, valid during the call. Several
   /// DDS threads call it, one call at a time for each topic.
   using OnSample = std::function<void(std::size_t topic, std::span<const std::uint8_t> encoded)>;
-  /// Called after OnSample with the same sample, if it is valid (session/check.hpp) and of this session.
+  /// Called after OnSample with the same sample.
   using OnDecoded = std::function<void(const AnySample& sample)>;
 
   /// Returns whether to read a topic.

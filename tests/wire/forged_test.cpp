@@ -9,7 +9,9 @@
 
 #include <algorithm>
 #include <optional>
+#include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "rtps_bytes.hpp"
@@ -18,6 +20,8 @@
 #include "tests/wire/secured_session.hpp"
 #include "wire/dds.hpp"
 #include "wire/footprint.hpp"
+#include "wire/rate_limit.hpp"
+#include "wire/tap.hpp"
 #include "wire/transport/protection.hpp"
 #include "wire/transport/rtps_message.hpp"
 
@@ -101,7 +105,54 @@ bool contains(const Bytes& message, const std::string& text) {
   return std::search(message.begin(), message.end(), text.begin(), text.end()) != message.end();
 }
 
-class ForgedTest : public SecuredSession {};
+/// Writes any bytes to a topic without a key, as a member with changed software.
+template <class Sample>
+class BytesWriter {
+ public:
+  BytesWriter(Participants& from, const TopicSpec<Sample>& topic)
+      : participant_{from.impl().participant(topic.traffic)} {
+    const dds::TypeSupport imitated{new typename IdlOf<Sample>::Support};
+    dds::Topic& made = from.impl().topic(topic.name, topic.traffic,
+                                         dds::TypeSupport{new EncodedType{imitated.get_type_name().c_str()}});
+    dds::PublisherQos qos = dds::PUBLISHER_QOS_DEFAULT;
+    qos.partition().push_back(from.address().session.c_str());
+    publisher_ = participant_.create_publisher(qos);
+    writer_ = publisher_->create_datawriter(&made, from.impl().writer_qos.at(topic.profile));
+  }
+  ~BytesWriter() {
+    publisher_->delete_datawriter(writer_);
+    participant_.delete_publisher(publisher_);
+  }
+  BytesWriter(const BytesWriter&) = delete;
+  BytesWriter& operator=(const BytesWriter&) = delete;
+  [[nodiscard]] bool send(Bytes bytes) { return succeeded(writer_->write(&bytes)); }
+
+ private:
+  dds::DomainParticipant& participant_;
+  dds::Publisher* publisher_ = nullptr;
+  dds::DataWriter* writer_ = nullptr;
+};
+
+class ForgedTest : public SecuredSession {
+ protected:
+  /// A tap of the topic stop, in `desk`.
+  [[nodiscard]] Tap tap_of_stops(Tap::OnSample on_sample) {
+    return {desk_, [](const std::string& topic, TrafficClass) { return topic == topics::kStop.name; },
+            std::move(on_sample)};
+  }
+  /// The encoding of a stop of `museum`.
+  [[nodiscard]] Bytes encoded_stop(std::uint32_t number) {
+    auto stop = full_sample<ses::EmergencyStop>(museum_);
+    stop.number = number;
+    return padded(encoded(stop));
+  }
+  /// The begin of that encoding.
+  [[nodiscard]] Bytes truncated_stop() {
+    Bytes bytes = encoded_stop(1);
+    bytes.resize(12);
+    return bytes;
+  }
+};
 
 TEST_F(ForgedTest, APlainSampleInTheNameOfAMemberIsRefused) {
   Inbox<ses::EmergencyStop> inbox;
@@ -229,6 +280,49 @@ TEST_F(ForgedTest, ASampleWithAWrongFieldIsInTheAuditLog) {
   while (const auto sample = inbox.next(0ms)) EXPECT_EQ(sample->user_id, ses::id_of("museum"));
   EXPECT_TRUE(is_in_audit_log(R"("event":"invalid sample","subject":"operator museum",)"
                               R"("detail":"tactus_intent, user_id: expected the user of the partition")"));
+}
+
+TEST_F(ForgedTest, ASenderOfUndecodableSamplesIsInTheAuditLogAndCutOff) {
+  Inbox<ses::EmergencyStop> inbox;
+  Reader<ses::EmergencyStop> reader{desk_, topics::kStop, inbox.callback()};
+  BytesWriter<ses::EmergencyStop> writer{museum_, topics::kStop};
+  EXPECT_TRUE(
+      eventually([&] { return writer.send(truncated_stop()) && reader.counts().invalid >= Members::kMaxRefused; }));
+  EXPECT_TRUE(is_in_audit_log(R"("event":"invalid sample","subject":"operator museum",)"
+                              R"("detail":"tactus_stop, encoding: expected the encoding of the type")"));
+  EXPECT_TRUE(
+      is_in_audit_log(R"("event":"cut off","subject":"operator museum","detail":"too many refused samples, serial)"));
+  EXPECT_EQ(inbox.size(), 0u);
+}
+
+TEST_F(ForgedTest, ATapDropsInvalidSamplesAndTheirSenderIsInTheAuditLogAndCutOff) {
+  Inbox<Bytes> inbox;
+  const Tap tap = tap_of_stops([put = inbox.callback()](std::size_t, std::span<const std::uint8_t> bytes) {
+    put(Bytes{bytes.begin(), bytes.end()});
+  });
+  BytesWriter<ses::EmergencyStop> writer{museum_, topics::kStop};
+  const Bytes valid = encoded_stop(1), truncated = truncated_stop(), unnumbered = encoded_stop(0);
+  ASSERT_TRUE(eventually([&] { return writer.send(valid) && inbox.next(10ms).has_value(); }));
+  for (std::uint32_t i = 0; i < Members::kMaxRefused / 10; ++i)
+    for (const Bytes& invalid : {truncated, unnumbered}) EXPECT_TRUE(writer.send(invalid));
+  for (const char* reason : {"encoding: expected the encoding of the type", "number: expected at least 1"})
+    EXPECT_TRUE(eventually([&] {
+      return has_event({R"("event":"invalid sample","subject":"operator museum","detail":"tactus_stop, )", reason});
+    })) << reason;
+  EXPECT_TRUE(eventually(
+      [&] { return writer.send(truncated) && has_event({R"("event":"cut off","subject":"operator museum")"}); }));
+  while (const auto bytes = inbox.next(0ms)) EXPECT_EQ(*bytes, valid);
+}
+
+TEST_F(ForgedTest, AMemberThatSendsMoreThanTheRateOfATopicToATapIsInTheAuditLog) {
+  const Tap tap = tap_of_stops([](std::size_t, std::span<const std::uint8_t>) {});
+  Writer<ses::EmergencyStop> writer{museum_, topics::kStop};
+  const auto stop = full_sample<ses::EmergencyStop>(museum_);
+  EXPECT_TRUE(eventually([&] {
+    constexpr std::uint32_t kMoreThanBurst = 2 * RateLimit::kMinBurst;
+    for (std::uint32_t i = 0; i < kMoreThanBurst; ++i) EXPECT_EQ(writer.send(stop), SendStatus::kSent);
+    return has_event({R"("event":"too many samples","subject":"operator museum","detail":"tactus_stop")"});
+  }));
 }
 
 TEST_F(ForgedTest, AChunkOfAProgramWithoutAKnownIdHasAnEmptyListOfSenders) {

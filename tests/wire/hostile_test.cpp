@@ -243,6 +243,19 @@ TEST(Hostile, AReaderSurvivesASampleLargerThanItsType) {
   expect_survival(topics::kRecords, {large}, 0);  // DDS refuses the sample before it is decoded
 }
 
+TEST(Hostile, SamplesThatCannotBeDecodedCountForTheRateOfTheirSender) {
+  Victim<ses::EmergencyStop> victim{topics::kStop};
+  const dds::TypeSupport imitated = generated<ses::EmergencyStop>();
+  DdsAttacker intruder{victim.participants, topics::kStop,
+                       dds::TypeSupport{new RawBytes(imitated.get_type_name().c_str(), has_key(*imitated))}};
+  std::string attack(12, '\0');
+  EXPECT_TRUE(eventually([&] {
+    intruder.send(&attack);
+    return victim.reader.counts().excess > 0;
+  }));
+  EXPECT_GT(victim.reader.counts().invalid, 0u);
+}
+
 /// Decodes thousands of encodings that have a few changed bytes or are truncated. A sanitizer detects reads beyond the
 /// end.
 template <class Sample>
