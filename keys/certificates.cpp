@@ -174,12 +174,15 @@ Certificate issue(const Issuer& issuer, Subject subject, EVP_PKEY& key, std::tim
   return certificate;
 }
 
-RevokedList make_revoked_list(const Issuer& issuer, const std::vector<std::string>& serials, std::time_t now) {
+RevokedList make_revoked_list(const Issuer& issuer, const std::vector<std::string>& serials, std::time_t made) {
   RevokedList list{X509_CRL_new()};
-  const Owner<ASN1_TIME> from{ASN1_TIME_set(nullptr, now - kClockTolerance)};
-  // A list that has expired would refuse all members, so it does not expire before the authority.
+  // A list that is not valid yet, or that has expired, would refuse all members.
+  const Owner<ASN1_TIME> from{ASN1_TIME_set(nullptr, valid_from(*issuer.certificate))};
   const Owner<ASN1_TIME> until{ASN1_TIME_set(nullptr, valid_until(*issuer.certificate))};
-  require(list != nullptr && from != nullptr && until != nullptr && X509_CRL_set_version(list.get(), 1) == 1 &&
+  const Owner<ASN1_INTEGER> order{ASN1_INTEGER_new()};
+  require(list != nullptr && from != nullptr && until != nullptr && order != nullptr &&
+              ASN1_INTEGER_set_int64(order.get(), made) == 1 && X509_CRL_set_version(list.get(), 1) == 1 &&
+              X509_CRL_add1_ext_i2d(list.get(), NID_crl_number, order.get(), 0, 0) == 1 &&
               X509_CRL_set_issuer_name(list.get(), X509_get_subject_name(issuer.certificate.get())) == 1 &&
               X509_CRL_set1_lastUpdate(list.get(), from.get()) == 1 &&
               X509_CRL_set1_nextUpdate(list.get(), until.get()) == 1,
@@ -305,6 +308,7 @@ std::vector<std::string> serials_of(X509_CRL& list) {
 
 std::time_t valid_from(X509& certificate) { return time_of(X509_get0_notBefore(&certificate)); }
 std::time_t valid_until(X509& certificate) { return time_of(X509_get0_notAfter(&certificate)); }
+std::time_t valid_from(X509_CRL& list) { return time_of(X509_CRL_get0_lastUpdate(&list)); }
 
 bool is_issued_by(X509& certificate, X509& authority) {
   const bool is_valid = X509_NAME_cmp(X509_get_issuer_name(&certificate), X509_get_subject_name(&authority)) == 0 &&
@@ -320,7 +324,14 @@ bool is_issued_by(X509_CRL& list, X509& authority) {
   return is_valid;
 }
 
-std::time_t made_at(X509_CRL& list) { return time_of(X509_CRL_get0_lastUpdate(&list)) + kClockTolerance; }
+std::time_t made_at(X509_CRL& list) {
+  const Owner<ASN1_INTEGER> number{
+      static_cast<ASN1_INTEGER*>(X509_CRL_get_ext_d2i(&list, NID_crl_number, nullptr, nullptr))};
+  std::int64_t made = 0;
+  const bool has_number = number != nullptr && ASN1_INTEGER_get_int64(&made, number.get()) == 1;
+  ERR_clear_error();
+  return has_number ? made : valid_from(list) + kClockTolerance;
+}
 
 bool belongs_to(EVP_PKEY& key, X509& certificate) {
   const bool belongs = X509_check_private_key(&certificate, &key) == 1;

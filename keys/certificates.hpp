@@ -48,9 +48,10 @@ struct Subject {
                                 std::time_t until);
 /// The clock of a machine that reads keys may be late by this time, s.
 inline constexpr std::time_t kClockTolerance = 3600;
-/// Returns a list of these serial numbers (hexadecimal), valid from kClockTolerance before `now` on.
+/// Returns a list of these serial numbers (hexadecimal). Its CRL number is the time `made`, which orders lists. It is
+/// valid as long as the issuer, so that a list that was made with a wrong clock can be used, too.
 [[nodiscard]] RevokedList make_revoked_list(const Issuer& issuer, const std::vector<std::string>& serials,
-                                            std::time_t now);
+                                            std::time_t made);
 /// Returns the text as S/MIME, signed by the issuer itself.
 [[nodiscard]] std::string sign(const Issuer& issuer, const std::string& text);
 
@@ -74,10 +75,12 @@ inline constexpr std::time_t kClockTolerance = 3600;
 [[nodiscard]] std::vector<std::string> serials_of(X509_CRL& list);
 [[nodiscard]] std::time_t valid_from(X509& certificate);
 [[nodiscard]] std::time_t valid_until(X509& certificate);
+[[nodiscard]] std::time_t valid_from(X509_CRL& list);
 /// Returns whether the authority has signed the certificate.
 [[nodiscard]] bool is_issued_by(X509& certificate, X509& authority);
 [[nodiscard]] bool is_issued_by(X509_CRL& list, X509& authority);
-[[nodiscard]] std::time_t made_at(X509_CRL& list);  ///< its begin of validity plus kClockTolerance
+/// Returns the CRL number; for a list without one, of an earlier version, its begin of validity plus kClockTolerance.
+[[nodiscard]] std::time_t made_at(X509_CRL& list);
 [[nodiscard]] bool belongs_to(EVP_PKEY& key, X509& certificate);
 
 /// Returns the member of a certificate. Throws KeyError, which names `file`, if its unit is no role.

@@ -139,16 +139,19 @@ Member read_member(const fs::path& folder, std::time_t now) {
     throw KeyError((folder / kPrivateKey).string() + ": found the key of another certificate than " + file);
   check_documents(folder, *certificate);
   const RevokedList list = read_list(folder, *authority);
-  if (now < made_at(*list) - kClockTolerance)
-    throw KeyError((folder / kRevoked).string() + ": found a list of " + utc_text(made_at(*list)) +
-                   "; is the clock of this machine right?");
+  if (now < valid_from(*list))
+    throw KeyError((folder / kRevoked).string() + ": found a list that is valid from " + utc_text(valid_from(*list)) +
+                   " on; is the clock of this machine right? If it is, make a new list on the machine of the "
+                   "authority (tactus keys revoke, or add-... --replace), and copy it");
   const Member member = member_of(*certificate, *list, folder / kCertificate);
   const std::string who = std::string{name_of(member.role)} + " '" + member.name + "'";
   if (member.is_revoked)
     throw KeyError(file + ": the certificate of " + who + " is revoked; the owner of the authority can make a new one");
   if (now < member.valid_from)
     throw KeyError(file + ": the certificate of " + who + " is valid from " + utc_text(member.valid_from) +
-                   " on; is the clock of this machine right?");
+                   " on; is the clock of this machine right? If it is, make a new one on the machine of the "
+                   "authority with: " +
+                   replace_command(member));
   if (now > member.valid_until)
     throw KeyError(file + ": the certificate of " + who + " has expired on " + utc_text(member.valid_until) +
                    "; make a new one on the machine of the authority with: " + replace_command(member));
@@ -164,6 +167,15 @@ std::string text_of(const RevokedKeys& revoked) {
   const std::size_t count = revoked.serials.size();
   return std::to_string(count) + (count == 1 ? " revoked key, list of " : " revoked keys, list of ") +
          utc_text(revoked.made);
+}
+
+std::string clock_warning(const RevokedKeys& revoked, std::time_t now) {
+  if (revoked.made <= now + kClockTolerance) return "";
+  return "The list of revoked keys has a wrong time: found " + utc_text(revoked.made) + ", expected one before " +
+         utc_text(now) +
+         ". The clock of this machine is wrong, or was wrong when the list was made: set it. All programs accept the "
+         "list, and later lists replace it. Replace the keys that were made with the wrong clock "
+         "(tactus keys add-... --replace).";
 }
 
 }  // namespace tactus::keys

@@ -82,11 +82,13 @@ struct Member {
 /// The list of revoked certificates.
 struct RevokedKeys {
   std::vector<std::string> serials;  ///< hexadecimal
-  std::time_t made = 0;              ///< when the authority has made the list
+  std::time_t made = 0;              ///< when the authority has made the list; each list is newer than those before
 };
 /// Returns the list in the folder of a member. Throws KeyError if there is none, or that of another authority.
 [[nodiscard]] RevokedKeys read_revoked(const std::filesystem::path& folder);
 /// Returns a text such as '2 revoked keys, list of 2026-11-26 10:00:00 UTC'.
 [[nodiscard]] std::string text_of(const RevokedKeys& revoked);
+/// Returns what to do if the list was made with a wrong clock, after `now`; empty if it was not.
+[[nodiscard]] std::string clock_warning(const RevokedKeys& revoked, std::time_t now);
 
 }  // namespace tactus::keys

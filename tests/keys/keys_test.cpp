@@ -14,12 +14,14 @@
 #include <filesystem>
 #include <functional>
 #include <iterator>
+#include <memory>
 #include <set>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include "keys/authority.hpp"
+#include "keys/certificates.hpp"
 #include "keys/documents.hpp"
 #include "tests/support/temporary_folder.hpp"
 
@@ -53,6 +55,22 @@ void refuse_exchanges() {
   ASSERT_EQ(::prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program), 0);
 }
 
+/// Returns for which reason the library refuses the certificate of a member, by the list in its folder; "ok": for none.
+std::string verified(const fs::path& folder) {
+  const Certificate authority = read_certificate(folder / files::kIdentityCa),
+                    certificate = read_certificate(folder / files::kCertificate);
+  const RevokedList list = read_revoked_list(folder / files::kRevoked);
+  const std::unique_ptr<X509_STORE, decltype(&X509_STORE_free)> store{X509_STORE_new(), &X509_STORE_free};
+  const std::unique_ptr<X509_STORE_CTX, decltype(&X509_STORE_CTX_free)> context{X509_STORE_CTX_new(),
+                                                                                &X509_STORE_CTX_free};
+  EXPECT_EQ(X509_STORE_add_cert(store.get(), authority.get()), 1);
+  EXPECT_EQ(X509_STORE_add_crl(store.get(), list.get()), 1);
+  EXPECT_EQ(X509_STORE_CTX_init(context.get(), store.get(), certificate.get(), nullptr), 1);
+  X509_STORE_CTX_set_flags(context.get(), X509_V_FLAG_CRL_CHECK);  // as Fast DDS does
+  (void)X509_verify_cert(context.get());
+  return X509_verify_cert_error_string(X509_STORE_CTX_get_error(context.get()));
+}
+
 class KeysTest : public testing::Test {
  protected:
   /// Returns the reason for which a program with these keys does not start.
@@ -64,6 +82,17 @@ class KeysTest : public testing::Test {
     member.name = name;
     member.role = Role::kHrtc;
     return member;
+  }
+
+  [[nodiscard]] Issuer issuer() const {
+    const fs::path authority = folder_.path() / "lab-keys/authority";
+    return {read_certificate(authority / files::kIdentityCa), read_key(authority / "identity-ca.key")};
+  }
+  /// Gives a list to the authority and to all members.
+  void write_list(X509_CRL& list) const {
+    test_support::write_bytes(folder_.path() / "lab-keys/authority" / files::kRevoked, pem_of(list));
+    for (const std::string& name : authority_.names())
+      test_support::write_bytes(authority_.folder_of(name) / files::kRevoked, pem_of(list));
   }
 
   test_support::TemporaryFolder folder_;
@@ -195,6 +224,52 @@ TEST_F(KeysTest, AMachineWhoseClockIsLateAcceptsTheList) {
   const fs::path desk = authority_.add(hrtc("desk")), lab = authority_.add(hrtc("lab"));
   authority_.revoke("lab");
   EXPECT_EQ(error_of_member(desk, std::time(nullptr) - 1800), "");
+}
+
+TEST_F(KeysTest, AListThatWasMadeWithAWrongClockIsUsedAndLaterOnesReplaceIt) {
+  const fs::path desk = authority_.add(hrtc("desk")), lab = authority_.add(hrtc("lab"));
+  const std::time_t now = std::time(nullptr), wrong = now + 3650 * kDay;
+  EXPECT_EQ(clock_warning(authority_.revoked(), now), "");
+  write_list(*make_revoked_list(issuer(), {}, wrong));
+  EXPECT_EQ(authority_.revoked().made, wrong);
+  EXPECT_EQ(error_of_member(desk, now), "");
+  EXPECT_EQ(verified(desk), "ok");
+  EXPECT_THAT(clock_warning(authority_.revoked(), now),
+              AllOf(HasSubstr("found " + utc_text(wrong)), HasSubstr("set it"), HasSubstr("--replace")));
+  std::time_t before = wrong;
+  for (const char* name : {"lab", "lab", "desk"}) {
+    EXPECT_EQ(error_of_member(desk, now), "");
+    EXPECT_EQ(verified(desk), "ok");
+    authority_.revoke(name);
+    EXPECT_GT(read_revoked(desk).made, before);
+    before = read_revoked(desk).made;
+  }
+  for (const fs::path& revoked : {desk, lab}) {
+    EXPECT_THAT(error_of_member(revoked, now), HasSubstr("is revoked"));
+    EXPECT_EQ(verified(revoked), "certificate revoked");
+  }
+}
+
+TEST_F(KeysTest, ARevocationReplacesAListOfAnEarlierVersionThatIsNotValidYet) {
+  const fs::path desk = authority_.add(hrtc("desk"));
+  (void)authority_.add(hrtc("lab"));
+  const std::time_t now = std::time(nullptr), wrong = now + 3650 * kDay;
+  const Issuer authority = issuer();
+  const RevokedList list = make_revoked_list(authority, {}, wrong);
+  X509_EXTENSION_free(X509_CRL_delete_ext(list.get(), X509_CRL_get_ext_by_NID(list.get(), NID_crl_number, -1)));
+  const std::unique_ptr<ASN1_TIME, decltype(&ASN1_TIME_free)> from{ASN1_TIME_set(nullptr, wrong), &ASN1_TIME_free};
+  ASSERT_EQ(X509_CRL_set1_lastUpdate(list.get(), from.get()), 1);
+  ASSERT_GT(X509_CRL_sign(list.get(), authority.key.get(), EVP_sha256()), 0);
+  write_list(*list);
+  EXPECT_EQ(verified(desk), "CRL is not yet valid");
+  EXPECT_THAT(error_of_member(desk, now),
+              AllOf(HasSubstr("revoked.pem: found a list that is valid from " + utc_text(wrong)),
+                    HasSubstr("is the clock of this machine right?"), HasSubstr("tactus keys revoke")));
+  const std::time_t before = authority_.revoked().made;
+  authority_.revoke("lab");
+  EXPECT_EQ(error_of_member(desk, now), "");
+  EXPECT_EQ(verified(desk), "ok");
+  EXPECT_GT(authority_.revoked().made, before);
 }
 
 TEST_F(KeysTest, AMemberWithoutACertificateIsNotFoundAndCanBeReplaced) {

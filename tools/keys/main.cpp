@@ -92,6 +92,8 @@ void show(const keys::Authority& authority) {
   }
   std::printf("%s. The authority and all keys expire on %s at the latest.\n",
               keys::text_of(authority.revoked()).c_str(), keys::utc_text(authority.valid_until(), "%Y-%m-%d").c_str());
+  if (const std::string warning = keys::clock_warning(authority.revoked(), now); !warning.empty())
+    std::printf("%s\n", warning.c_str());
   if (!error.empty()) throw keys::KeyError(error);
 }
 
