@@ -303,11 +303,19 @@ void Authority::export_member(const std::string& name, const fs::path& to) const
   if (fs::exists(target)) throw KeyError(to.string() + ": exists, expected a new folder");
   const Lock lock{folder_};  // so that no process replaces the keys during the copy
   remove_temporary(target.parent_path(), target.filename());
+  if (const std::optional<Member> member = find(name); member && member->is_revoked)
+    throw KeyError((from / files::kCertificate).string() + ": the certificate of " +
+                   std::string{name_of(member->role)} + " '" + name +
+                   "' is revoked; make new keys with: " + replace_command(*member));
   (void)read_member(from, now());
   Pending pending = Pending::folder(target);
   try {
-    for (const auto& entry : fs::directory_iterator{from})
-      if (!is_hidden(entry.path())) copy(from, pending.temporary(), entry.path().filename().c_str());
+    for (const auto& entry : fs::directory_iterator{from}) {
+      const fs::path file = entry.path().filename();
+      // A revocation that was killed, or has failed, leaves the earlier list in the folders of members.
+      if (!is_hidden(file))
+        copy(file == files::kRevoked ? folder_ / kAuthorityFolder : from, pending.temporary(), file.c_str());
+    }
   } catch (const fs::filesystem_error& error) {
     throw KeyError(to.string() + ": " + error.code().message() +
                    "; the file system may have no owners of files: use scp, or tar");
@@ -341,8 +349,17 @@ void Authority::write_revoked(const std::vector<std::string>& serials) const {
   const std::time_t made = std::max(now(), revoked().made + 1);  // programs refuse a list that is older than theirs
   const std::string text = pem_of(*make_revoked_list(identities_of(folder_), serials, made));
   Pending::file(folder_ / kAuthorityFolder / files::kRevoked, text).commit();
-  for (const auto& entry : fs::directory_iterator{folder_ / kMembersFolder})
-    if (!is_hidden(entry.path())) Pending::file(entry.path() / files::kRevoked, text).commit();
+  std::string error;  // of the first member that does not get the list
+  for (const std::string& name : names()) {
+    try {
+      Pending::file(folder_of(name) / files::kRevoked, text).commit();
+    } catch (const KeyError& found) {
+      if (error.empty()) error = found.what();
+    }
+  }
+  if (!error.empty())
+    throw KeyError(error + "; the keys are revoked, but this member has the earlier list. Repair its folder, and " +
+                   "repeat the command");
 }
 
 std::optional<Member> Authority::find(const std::string& name) const {
@@ -354,7 +371,7 @@ std::optional<Member> Authority::find(const std::string& name) const {
 std::vector<std::string> Authority::names() const {
   std::vector<std::string> names;
   for (const auto& entry : fs::directory_iterator{folder_ / kMembersFolder})
-    if (!is_hidden(entry.path())) names.push_back(entry.path().filename());
+    if (!is_hidden(entry.path()) && entry.is_directory()) names.push_back(entry.path().filename());
   std::sort(names.begin(), names.end());
   return names;
 }

@@ -44,15 +44,15 @@ class Authority {
   /// Makes the keys of a member, and returns its folder. Throws KeyError.
   std::filesystem::path add(const NewMember& member) const;
   /// Revokes the certificate of a member, and writes the new list of revoked certificates into the folders of all
-  /// members. Throws KeyError.
+  /// members. Throws KeyError, also if the folder of one member cannot get the list; then the others have it.
   void revoke(const std::string& name) const;
   /// Returns the member of this name; none if there is none, or if its folder has no certificate. Throws KeyError.
   [[nodiscard]] std::optional<Member> find(const std::string& name) const;
   /// Returns the names of all member folders, sorted, also of those without a certificate.
   [[nodiscard]] std::vector<std::string> names() const;
   [[nodiscard]] std::filesystem::path folder_of(const std::string& name) const;
-  /// Copies the folder of a member to the new folder `to`, if a program can use it. Only its owner can read the copy.
-  /// Throws KeyError; then, or if it is killed, there is no folder `to`.
+  /// Copies the folder of a member to the new folder `to`, with the newest list of revoked certificates, if a program
+  /// can use it. Only its owner can read the copy. Throws KeyError; then, or if it is killed, there is no folder `to`.
   void export_member(const std::string& name, const std::filesystem::path& to) const;
   [[nodiscard]] RevokedKeys revoked() const;
   /// Returns when the authority expires, and all its keys with it.

@@ -272,6 +272,35 @@ TEST_F(KeysTest, ARevocationReplacesAListOfAnEarlierVersionThatIsNotValidYet) {
   EXPECT_GT(authority_.revoked().made, before);
 }
 
+TEST_F(KeysTest, AnExportHasTheListOfTheAuthorityAndNoRevokedKeys) {
+  const fs::path desk = authority_.add(hrtc("desk")), lab = authority_.add(hrtc("lab"));
+  const std::string before = test_support::read_bytes(lab / files::kRevoked);
+  authority_.revoke("desk");
+  for (const fs::path& member : {desk, lab}) test_support::write_bytes(member / files::kRevoked, before);
+  const fs::path desk_keys = folder_.path() / "desk-keys", lab_keys = folder_.path() / "lab-copy";
+  EXPECT_THAT(error_of([&] { authority_.export_member("desk", desk_keys); }),
+              AllOf(HasSubstr("the certificate of hrtc 'desk' is revoked"), HasSubstr("--replace")));
+  EXPECT_FALSE(fs::exists(desk_keys));
+  authority_.export_member("lab", lab_keys);
+  EXPECT_EQ(error_of_member(lab_keys), "");
+  EXPECT_EQ(read_revoked(lab_keys).serials, authority_.revoked().serials);
+}
+
+TEST_F(KeysTest, ARevocationReachesAllMembersThatCanHaveTheList) {
+  const fs::path desk = authority_.add(hrtc("desk")), lab = authority_.add(hrtc("lab")),
+                 damaged = authority_.add(hrtc("k"));  // between the two
+  test_support::write_bytes(desk.parent_path() / "e-notes.txt", "");
+  EXPECT_EQ(authority_.names(), (std::vector<std::string>{"desk", "k", "lab"}));
+  authority_.revoke("desk");
+  const std::vector<std::string> first = authority_.revoked().serials;
+  for (const fs::path& member : {desk, damaged, lab}) EXPECT_EQ(read_revoked(member).serials, first) << member;
+  fs::remove(damaged / files::kRevoked);
+  fs::create_directory(damaged / files::kRevoked);
+  EXPECT_THAT(error_of([&] { authority_.revoke("k"); }),
+              AllOf(HasSubstr((damaged / files::kRevoked).string()), HasSubstr("repeat the command")));
+  for (const fs::path& member : {desk, lab}) EXPECT_EQ(read_revoked(member).serials.size(), 2u) << member;
+}
+
 TEST_F(KeysTest, AMemberWithoutACertificateIsNotFoundAndCanBeReplaced) {
   const fs::path desk = authority_.add(hrtc("desk"));
   fs::remove(desk / files::kCertificate);

@@ -169,7 +169,14 @@ int main(int argc, char** argv) {
       const fs::path made = authority.add(member);
       std::printf("%s has the keys of %s %s. Copy it to its machine, for example by tactus keys export.\n",
                   made.c_str(), std::string{name_of(role)}.c_str(), member.name.c_str());
-      if (had_keys) print_revoked(folder, "The earlier keys of " + member.name);
+      if (had_keys)
+        print_revoked(folder, "The earlier keys of " + member.name);
+      else if (member.replaces)
+        std::printf(
+            "Its certificate.pem was missing, so earlier keys of %s are not revoked, and can never be. They are valid "
+            "until they expire.\nIf somebody may have a copy of them, make a new authority, and new keys for all "
+            "members.\n",
+            member.name.c_str());
     });
     add->add_option("NAME", member.name, "Name of the program in the session")->required();
     if (const char* const names = names_of(role)) {
