@@ -24,6 +24,14 @@ std::string line_of(const nlohmann::ordered_json& object) {
   return object.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
 }
 
+/// Opens a file to append to it. A regular file gets the permissions 0600, also if it existed.
+int open_private(const std::filesystem::path& path) {
+  const int file = ::open(path.c_str(), O_WRONLY | O_APPEND | O_CREAT | O_CLOEXEC | O_NOFOLLOW, S_IRUSR | S_IWUSR);
+  struct stat status {};
+  if (file >= 0 && ::fstat(file, &status) == 0 && S_ISREG(status.st_mode)) (void)::fchmod(file, S_IRUSR | S_IWUSR);
+  return file;
+}
+
 }  // namespace
 
 AuditLog::AuditLog(std::filesystem::path file, std::string session, std::string program)
@@ -62,10 +70,12 @@ std::string AuditLog::write(std::int64_t now_ns, bool all) {
     object["count"] = count;
     lines += line_of(object);
   }
-  std::error_code ignored;
-  if (std::filesystem::file_size(file_, ignored) > kMaxBytes && !ignored)
-    std::filesystem::rename(file_, file_.string() + ".1", ignored);
-  const int file = ::open(file_.c_str(), O_WRONLY | O_APPEND | O_CREAT | O_CLOEXEC | O_NOFOLLOW, S_IRUSR | S_IWUSR);
+  int file = open_private(file_);
+  if (file >= 0 && ::lseek(file, 0, SEEK_END) > static_cast<off_t>(kMaxBytes) &&
+      ::rename(file_.c_str(), (file_.string() + ".1").c_str()) == 0) {
+    ::close(file);
+    file = open_private(file_);
+  }
   if (file < 0) {
     const std::string error = file_.string() + ": " + std::strerror(errno);
     put_back(events);

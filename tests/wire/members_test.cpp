@@ -690,6 +690,26 @@ TEST(AuditLogTest, EventsThatCannotBeWrittenAreWrittenLater) {
               AllOf(testing::StartsWith("{"), HasSubstr(R"("from":"10.0.0.9","count":3)")));
 }
 
+TEST(AuditLogTest, OnlyTheOwnerCanReadAFileThatOthersCouldReadBefore) {
+  const test_support::TemporaryFolder folder;
+  const std::filesystem::path file = folder.path() / "audit.jsonl", earlier = folder.path() / "audit.jsonl.1";
+  const auto permissions_after_write = [&] {
+    std::filesystem::permissions(file, std::filesystem::perms{0644});
+    AuditLog log{file, "lab", "desk"};
+    log.add({"started", "hrtc desk", "", ""});
+    EXPECT_EQ(log.write(0), "");
+    return std::filesystem::status(file).permissions();
+  };
+  constexpr std::filesystem::perms kPrivate{0600};
+  test_support::write_bytes(file, "{}\n");
+  EXPECT_EQ(permissions_after_write(), kPrivate);
+  EXPECT_FALSE(std::filesystem::exists(earlier));
+  std::filesystem::resize_file(file, AuditLog::kMaxBytes + 1);
+  EXPECT_EQ(permissions_after_write(), kPrivate);
+  EXPECT_EQ(std::filesystem::status(earlier).permissions(), kPrivate);
+  EXPECT_THAT(test_support::read_bytes(file), testing::StartsWith("{")) << "a new file";
+}
+
 TEST(AuditLogTest, ARepeatedEventIsWrittenEveryMinuteAndAtTheEnd) {
   constexpr std::int64_t kSecond = 1'000'000'000;
   const test_support::TemporaryFolder folder;
