@@ -17,6 +17,7 @@ Gateway::Gateway(const spm::PoolSettings& pool, const session::Origin& self, con
       near_out_{link.near_objects},
       loader_{pool, self, settings.loader, link.intake},
       ownership_{self, link.bodies.granted, settings.ownership} {
+  link_.set_in_session(false);
   loader_.on_event = [this](session::Severity severity, const std::string& text) {
     if (on_event) on_event(severity, text);
   };

@@ -45,7 +45,10 @@ class Gateway {
   std::function<void(const Loader::ObjectInfo&)> on_object_gone;
 
   void on_catalogue(const session::CatalogueEntry& entry) { loader_.on_catalogue(entry); }
+  /// Call it after the stops in the host's roster entry have been passed to the servo. From the first call on, the
+  /// gateway is in the session (ServoLink::set_in_session).
   void on_host_heartbeat(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns) {
+    link_.set_in_session(true);
     loader_.on_host_heartbeat(host, incarnation, now_ns);
   }
   void on_host_gone(std::uint64_t host) { loader_.on_host_gone(host); }

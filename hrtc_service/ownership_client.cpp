@@ -14,10 +14,7 @@ constexpr std::int64_t kWakeUpMarginNs = 4'000'000;      // added to the transit
 
 OwnershipClient::OwnershipClient(const session::Origin& self, SharedMailbox<GrantedBodies>& orders,
                                  const session::OwnershipSettings& settings)
-    : self_{self}, settings_{settings}, orders_out_{orders} {
-  const GrantedBodies before = MailboxReader{orders}.latest();
-  for (const GrantedBody& body : before.bodies) pose_number_ = std::max(pose_number_, body.received.number);
-}
+    : self_{self}, settings_{settings}, orders_out_{orders}, pose_number_{MailboxReader{orders}.latest().pose_number} {}
 
 void OwnershipClient::add(std::uint32_t object_index, std::uint64_t object_id, const sharing::SharedBody& body) {
   TACTUS_CHECK(objects_.size() < kMaxBodies);
@@ -110,6 +107,7 @@ void OwnershipClient::update_coupling(Object& object, std::int64_t now_ns) {
 }
 
 void OwnershipClient::post_orders() {
+  orders_.pose_number = pose_number_;
   orders_.count = static_cast<std::uint32_t>(objects_.size());
   for (std::uint32_t i = 0; i < orders_.count; ++i) {
     const Object& object = *objects_[i];

@@ -134,6 +134,7 @@ void Bodies::apply_coupling_order(std::uint32_t i) noexcept {
 void Bodies::process_orders() noexcept {
   if (order_link_.orders.take(orders_)) {
     for (std::uint32_t k = 0; k < orders_.count; ++k) {
+      newest_number_ = std::max(newest_number_, orders_.bodies[k].received.number);
       const std::uint32_t i = body_of(orders_.bodies[k].object);
       if (i == kMaxBodies) continue;
       bodies_[i].order = orders_.bodies[k];
@@ -168,6 +169,18 @@ void Bodies::follow_if_superseded(Body& body, haptics::SharedObject& simulated, 
   simulated.follow();
 }
 
+void Bodies::forget_poses() noexcept {
+  for (std::uint32_t i = 0; i < count_; ++i) bodies_[i].is_pose_unknown = true;
+  forgotten_number_ = newest_number_;
+}
+
+std::uint64_t Bodies::unknown_poses() const noexcept {
+  std::uint64_t objects = 0;
+  for (std::uint32_t i = 0; i < count_; ++i)
+    if (bodies_[i].is_pose_unknown) objects |= std::uint64_t{1} << bodies_[i].object->index;
+  return objects;
+}
+
 void Bodies::apply_received_poses(Cycle& cycle, std::int64_t now_ns) noexcept {
   add_new_bodies(cycle);
   process_orders();  // also without bodies, so that no orders wait that name a freed coupling
@@ -175,11 +188,13 @@ void Bodies::apply_received_poses(Cycle& cycle, std::int64_t now_ns) noexcept {
   const std::int64_t session_ns = orders_.clock.session_time(now_ns);
   for (std::uint32_t i = 0; i < count_; ++i) {
     Body& body = bodies_[i];
+    const bool becomes_known = body.is_pose_unknown && body.order.received.number > forgotten_number_;
+    if (becomes_known) body.is_pose_unknown = false;
     if (body.mode == Mode::kReleased) follow_if_superseded(body, simulated_[i], now_ns, session_ns);
     if (body.mode != Mode::kFollows) continue;
     if (body.order.received.number > body.interpolated_number) {
-      // The first received pose replaces the start pose at once, without a fading jump.
-      if (body.interpolated_number == 0)
+      // A pose replaces the start pose or an unknown one at once, without a fading jump.
+      if (body.interpolated_number == 0 || becomes_known)
         body.pose_interpolator.set_state(body.order.received.state, body.order.received.session_ns);
       body.interpolated_number = body.order.received.number;
       body.pose_interpolator.on_pose(body.order.received, session_ns);
@@ -473,18 +488,19 @@ const haptics::SurfaceDistance* Bodies::scene_around(const Cycle& cycle, const h
   return scene_.empty() ? nullptr : &scene_;
 }
 
-void Bodies::simulate(Cycle& cycle, std::int64_t now_ns) noexcept {
+void Bodies::simulate(Cycle& cycle, std::int64_t now_ns, std::uint64_t released) noexcept {
   if (count_ == 0) return;
   const std::int64_t session_ns = orders_.clock.session_time(now_ns);
   for (std::uint32_t i = 0; i < count_; ++i) {
     Body& body = bodies_[i];
+    const bool must_release = (released >> body.object->index & 1u) != 0;
     std::array<haptics::PointSpring, kMaxProbes> springs;
     std::array<haptics::RotationalSpring, kMaxProbes> rotational_springs;
     std::array<std::uint32_t, kMaxProbes> probes{}, holder_probes{};
     std::uint32_t count = 0, holding = 0;
     haptics::ImplicitForce pushing;
     for (std::uint32_t p = 0; p < kMaxProbes; ++p) {
-      if (springs_[p].body != i) continue;
+      if (springs_[p].body != i || must_release) continue;
       probes[count] = p;
       springs[count++] = springs_[p].spring;
       pushing.impulse.tail<3>() += settings_.period * springs_[p].torque;
@@ -502,7 +518,7 @@ void Bodies::simulate(Cycle& cycle, std::int64_t now_ns) noexcept {
       }
       body.mode = Mode::kTouched;
       apply_coupling_order(i);
-    } else if (body.mode == Mode::kTouched && now_ns - body.last_touch_ns > kReleaseDelayNs) {
+    } else if (body.mode == Mode::kTouched && (must_release || now_ns - body.last_touch_ns > kReleaseDelayNs)) {
       body.mode = Mode::kReleased;
       body.released_ns = now_ns;
       body.pose_number_at_release = body.order.received.number;

@@ -8,6 +8,9 @@
 /// orders name a coupling. After the release the simulation continues until a received pose shows that another program
 /// simulates the body, but at most 0.3 s. All other bodies follow the received poses.
 ///
+/// After a change of the gateway, the pose of a body is unknown until the new gateway has passed one: other programs
+/// may have moved the body. The first pose then replaces the old one at once.
+///
 /// A spring connects hand and body: from the device to the anchor of the cycle's proxy, to the tool's contact point, or
 /// to the held point. The body receives the spring's force with the opposite sign, within the limits of
 /// haptics/force.hpp. Only the force on the hand is also limited by the port, which counts the energy of the spring on
@@ -80,7 +83,8 @@ struct GrantedBody {
 };
 
 struct GrantedBodies {
-  session::ClockMap clock;  ///< local clock to session time
+  session::ClockMap clock;        ///< local clock to session time
+  std::uint64_t pose_number = 0;  ///< number of the newest received pose of any body, under any gateway
   std::uint32_t count = 0;
   std::array<GrantedBody, kMaxBodies> bodies;
 };
@@ -131,11 +135,16 @@ class Bodies {
   void apply_received_poses(Cycle& cycle, std::int64_t now_ns) noexcept;
   /// Removes the bodies of withdrawn objects. Call it right after Cycle::touch.
   void forget_withdrawn(const Cycle& cycle) noexcept;
+  /// Makes the poses of all present bodies unknown, because another gateway has attached.
+  void forget_poses() noexcept;
+  /// Returns the objects whose poses are unknown, by index bit.
+  [[nodiscard]] std::uint64_t unknown_poses() const noexcept;
   /// Limits the forces of the last touch in `outputs` to the energy that their ports permit.
   void limit_forces(const Cycle& cycle, const std::array<ProbeInput, kMaxProbes>& inputs,
                     std::array<ProbeOutput, kMaxProbes>& outputs) noexcept;
-  /// Simulates bodies up to now, moves them for the next touch, and posts reports.
-  void simulate(Cycle& cycle, std::int64_t now_ns) noexcept;
+  /// Simulates bodies up to now, moves them for the next touch, and posts reports. `released`: objects, by index bit,
+  /// that hands release although they touch them, because their forces are off without a gateway.
+  void simulate(Cycle& cycle, std::int64_t now_ns, std::uint64_t released = 0) noexcept;
 
   [[nodiscard]] bool empty() const noexcept { return count_ == 0; }
 
@@ -144,6 +153,7 @@ class Bodies {
   struct Body {
     const TouchObject* object = nullptr;
     Mode mode = Mode::kFollows;
+    bool is_pose_unknown = false;
     BodyOrder order;
     haptics::CopyCoupling* coupling = nullptr;  // of the running simulation
     sharing::PoseInterpolator pose_interpolator;
@@ -215,6 +225,8 @@ class Bodies {
   BodyOrderLink& order_link_;
   BodyOrders orders_;
   std::uint64_t objects_changed_ = 0;  // Cycle::objects_changed at the last update of bodies_
+  // Numbers of received poses of all bodies: the newest, and the newest at the last `forget_poses`.
+  std::uint64_t newest_number_ = 0, forgotten_number_ = 0;
   std::uint32_t count_ = 0;
   std::array<Body, kMaxBodies> bodies_;
   std::vector<haptics::SharedObject> simulated_;  // simulations, by index in bodies_; size kMaxBodies

@@ -37,12 +37,14 @@ Cycle::Cycle(const CycleSettings& settings, const std::array<haptics::DeviceSpec
   }
 }
 
-bool Cycle::is_at_movable(std::uint32_t probe, const Vec3d& proxy) const noexcept {
+std::uint64_t Cycle::movable_objects_at(std::uint32_t probe, const Vec3d& proxy) const noexcept {
   constexpr double kMargin = 0.001;  // m
-  return std::any_of(objects_.begin(), objects_.end(), [&](const TouchObject* object) {
-    return can_move(object->index) && is_near(probe, *object) &&
-           sharing::overlaps_bounds(placement(*object), object->bounds, proxy, reach_ + kMargin);
-  });
+  std::uint64_t found = 0;
+  for (const TouchObject* object : objects_)
+    if (can_move(object->index) && is_near(probe, *object) &&
+        sharing::overlaps_bounds(placement(*object), object->bounds, proxy, reach_ + kMargin))
+      found |= std::uint64_t{1} << object->index;
+  return found;
 }
 
 void Cycle::stop(haptics::Fault fault) noexcept {

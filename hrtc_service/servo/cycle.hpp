@@ -202,9 +202,9 @@ class Cycle {
   }
   /// Returns the number of changes of `objects`.
   [[nodiscard]] std::uint64_t objects_changed() const noexcept { return objects_changed_; }
-  /// Returns whether the probe at `proxy` intersects the bounds of a movable object. It may then touch that object,
-  /// even if its output names another one.
-  [[nodiscard]] bool is_at_movable(std::uint32_t probe, const Vec3d& proxy) const noexcept;
+  /// Returns the movable objects whose bounds the probe at `proxy` intersects, by index bit. It may touch each of them,
+  /// even if its output names another object.
+  [[nodiscard]] std::uint64_t movable_objects_at(std::uint32_t probe, const Vec3d& proxy) const noexcept;
   // The state of a probe after the last `touch`. Benchmarks copy it to compute the force for another pose or mesh. The
   // surface is valid until the next `touch`.
   [[nodiscard]] const haptics::Proxy& proxy(std::uint32_t probe) const noexcept { return spheres_[probe].proxy(); }

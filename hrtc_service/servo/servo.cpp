@@ -10,6 +10,9 @@ namespace {
 constexpr double kSilence = 0.04;
 // Times in which the forces of movable and of fixed objects then decrease to zero, s.
 constexpr double kMovableFade = 0.02, kFixedFade = 0.5;
+// Max part of the time between two cycles that counts as silence, s: the gateway does not run either while the machine
+// is suspended. Half of kSilence, so that forces do not end in the first cycle afterwards.
+constexpr double kMaxGap = 0.02;
 
 }  // namespace
 
@@ -25,7 +28,6 @@ Servo::Servo(const ServoSettings& settings, ServoLink& link, Intake& intake, Bod
       bodies_{settings.cycle, link.bodies, orders},
       stop_signals_{settings.emergency_stop_signals},
       force_{settings.cycle.force},
-      period_{settings.cycle.period},
       gateway_patience_{settings.gateway_patience},
       watches_gateway_{settings.watches_gateway} {
   cycle_.set_observer(settings.recorder);
@@ -63,19 +65,30 @@ void Servo::obey(StopWord word) noexcept {
 }
 
 /// While the gateway is silent, raises the pose ages of probes, so that their forces decrease and return as those of a
-/// silent device. Probes that may touch a movable object have kSilence before that, all others `gateway_patience`. Only
-/// cycles of this servo count as silence: when the whole machine was suspended, the gateway was too.
+/// silent device. Probes that may touch a movable object have kSilence before that, all others `gateway_patience`. The
+/// silence ends with a heartbeat in the session. At a movable object it also continues until its pose is known.
 void Servo::age_without_gateway(std::int64_t now_ns) noexcept {
-  const double passed = static_cast<double>(now_ns - std::exchange(silence_updated_ns_, now_ns)) * 1e-9;
-  const std::uint64_t heartbeats = link_.heartbeats();
+  const double since_last = static_cast<double>(now_ns - std::exchange(silence_updated_ns_, now_ns)) * 1e-9;
+  const double passed = std::clamp(since_last, 0.0, kMaxGap);
+  const std::uint64_t heartbeats = link_.session_heartbeats();
   const bool has_new_heartbeat = std::exchange(heartbeats_, heartbeats) != heartbeats;
-  silence_ = has_new_heartbeat || heartbeats == 0 ? 0 : silence_ + std::clamp(passed, 0.0, 2 * period_);
-  if (!watches_gateway_ || silence_ <= kSilence) return;
+  silence_ = has_new_heartbeat || heartbeats == 0 ? 0 : silence_ + passed;
+  if (!watches_gateway_) return;
+  const std::uint32_t attach_requests = link_.intake.attach_requests.load(std::memory_order_acquire);
+  if (std::exchange(attach_requests_, attach_requests) != attach_requests) bodies_.forget_poses();
+  const std::uint64_t unknown = bodies_.unknown_poses();
+  unknown_silence_ = unknown != 0 ? unknown_silence_ + passed : silence_;
+  const auto ends_force = [](double silence) { return silence >= kSilence + kMovableFade; };
+  released_ = ends_force(silence_) ? ~std::uint64_t{0} : ends_force(unknown_silence_) ? unknown : 0;
+  if (unknown_silence_ <= kSilence) return;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
-    const bool is_movable = cycle_.can_move(outputs_[i].object) || cycle_.is_at_movable(i, vec(outputs_[i].proxy));
-    const double late = silence_ - (is_movable ? kSilence : gateway_patience_);
+    const std::uint32_t object = outputs_[i].object;
+    std::uint64_t movable = cycle_.movable_objects_at(i, vec(outputs_[i].proxy));
+    if (cycle_.can_move(object)) movable |= std::uint64_t{1} << object;
+    const double silence = (movable & unknown) != 0 ? unknown_silence_ : silence_;
+    const double late = silence - (movable != 0 ? kSilence : gateway_patience_);
     if (late <= 0) continue;
-    const double share = late / (is_movable ? kMovableFade : kFixedFade);
+    const double share = late / (movable != 0 ? kMovableFade : kFixedFade);
     const double age = force_.max_fresh_age + share * (force_.zero_force_age - force_.max_fresh_age);
     inputs_[i].pose_age = std::max(inputs_[i].pose_age, age + inputs_[i].device.transit);
   }
@@ -83,8 +96,8 @@ void Servo::age_without_gateway(std::int64_t now_ns) noexcept {
 
 const Servo::Outputs& Servo::touch(const Inputs& inputs, std::int64_t now_ns) noexcept {
   inputs_ = inputs;
+  age_without_gateway(now_ns);  // before `read_stop`, see ServoLink::session_heartbeats
   obey(read_stop());
-  age_without_gateway(now_ns);
   const auto arrived = static_cast<std::uint32_t>(arrivals_.pop(arrived_.data(), arrived_.size()));
   const std::array<NearObjects, kMaxProbes>& near = near_objects_.latest();
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) inputs_[i].near = near[i];
@@ -97,7 +110,7 @@ const Servo::Outputs& Servo::touch(const Inputs& inputs, std::int64_t now_ns) no
 
 void Servo::publish(std::int64_t now_ns, std::int64_t next_due_ns) noexcept {
   link_.acknowledge_stop(stop_);
-  bodies_.simulate(cycle_, now_ns);
+  bodies_.simulate(cycle_, now_ns, released_);
   reports_.post({now_ns, next_due_ns, ++cycles_, outputs_, cycle_.result().interventions});
 }
 

@@ -7,7 +7,8 @@
 ///
 /// Without a gateway, the force of a movable object on a hand decreases to zero within 60 ms, because peers and hosts
 /// move such objects. The force of a fixed object stays for ServoSettings::gateway_patience and then decreases to zero.
-/// Both return with the gateway.
+/// Forces return when a gateway is in the session, so that it knows the standing stops. That of a movable object returns
+/// when this gateway has also passed a pose of the object.
 ///
 /// A cycle calls these three in this order. The class owns no thread, device, DDS endpoint or file, so the haptic
 /// thread, studies in virtual time and benchmarks can all call it. A clock measures costs and may end refinement.
@@ -94,10 +95,13 @@ class Servo {
   std::uint32_t stop_signals_seen_ = 0, local_stops_ = 0;
   std::uint64_t cycles_ = 0;
   haptics::ForceSettings force_;
-  double period_, gateway_patience_;  // s
+  double gateway_patience_;  // s
   bool watches_gateway_;
-  std::uint64_t heartbeats_ = 0;         // of the gateway, newest
+  std::uint64_t heartbeats_ = 0;         // of gateways in the session, newest
+  std::uint32_t attach_requests_ = 0;    // of gateways, newest
   double silence_ = 0;                   // s, of the gateway, in cycles of this servo
+  double unknown_silence_ = 0;           // s, the same, but it continues while the pose of a movable object is unknown
+  std::uint64_t released_ = 0;           // movable objects, by index bit, whose forces are off without a gateway
   std::int64_t silence_updated_ns_ = 0;  // time of the last cycle
   Inputs inputs_;                        // of the last touch, with near objects and with ages without a gateway
   Outputs outputs_;                      // of the last touch, with forces limited by `bodies_`

@@ -115,9 +115,22 @@ struct ServoLink {
   [[nodiscard]] std::uint32_t local_stops_issued() const noexcept {
     return local_stops_issued_.load(std::memory_order_acquire);
   }
-  /// Increments the heartbeat counter of the gateway. Call it at least every 10 ms. Any thread.
-  void beat() noexcept { heartbeats_.fetch_add(1, std::memory_order_relaxed); }
+  /// Increments the heartbeat counter of the gateway, and that of the session if it is in the session. Call it at least
+  /// every 10 ms. Any thread.
+  void beat() noexcept {
+    heartbeats_.fetch_add(1, std::memory_order_relaxed);
+    if (in_session_.load(std::memory_order_acquire)) session_heartbeats_.fetch_add(1, std::memory_order_release);
+  }
+  /// Heartbeats of all gateways: they show that a gateway runs.
   [[nodiscard]] std::uint64_t heartbeats() const noexcept { return heartbeats_.load(std::memory_order_relaxed); }
+  /// Heartbeats of gateways in the session: they permit forces. Read them before `stop` and the attach requests, which
+  /// are then at least as new.
+  [[nodiscard]] std::uint64_t session_heartbeats() const noexcept {
+    return session_heartbeats_.load(std::memory_order_acquire);
+  }
+  /// Sets whether the gateway is in the session: it has received the roster entry of a host. Such an entry lists the
+  /// standing stops, so call `set_stop` first. A gateway begins outside the session.
+  void set_in_session(bool in_session) noexcept { in_session_.store(in_session, std::memory_order_release); }
   /// Requests that the servo reports the regions of an object's mesh. A new request replaces one that is not answered.
   void request_shown(std::uint32_t object_index) noexcept {
     shown_request_.store(object_index, std::memory_order_relaxed);
@@ -179,7 +192,8 @@ struct ServoLink {
   std::atomic<std::uint32_t> stop_word_{0}, stop_obeyed_{0};  // StopWord::bits
   std::atomic<std::uint32_t> local_stops_{0}, local_stops_issued_{0};
   std::atomic<std::uint32_t> shown_request_{spm::kNone};
-  std::atomic<std::uint64_t> heartbeats_{0}, traces_dropped_{0}, log_dropped_{0};
+  std::atomic<std::uint64_t> heartbeats_{0}, session_heartbeats_{0}, traces_dropped_{0}, log_dropped_{0};
+  std::atomic<bool> in_session_{false};
   std::atomic<std::uint32_t> snapshot_requests_{0};
   std::atomic<std::uint32_t> ended_{0};  // exit status + 1; 0: not ended
   std::atomic<bool> servo_ended_{false};

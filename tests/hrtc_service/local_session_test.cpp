@@ -521,6 +521,53 @@ TEST_F(OrganSession, AnotherGatewayContinuesWithoutAChangeOfTheForce) {
   EXPECT_THAT(session.core().intake().objects().cache().violations(), ::testing::IsEmpty());
 }
 
+TEST_F(OrganSession, ForcesReturnUnderAnotherGatewayWhenARosterEntryOfAHostHasArrived) {
+  LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(1 << 15)};
+  const auto force_after = [&](int cycles) {
+    for (int cycle = 0; cycle < cycles; ++cycle) {
+      session.prepare(position(0), Vec3d::Zero());
+      (void)session.touch_with_bodies();
+      (void)session.core().servo().refine(spm::Budget{1u << 20});
+    }
+    return hrtc_service::vec(session.core().servo().outputs()[0].force).norm();
+  };
+  const double before = force_after(500);
+  ASSERT_GT(before, 0.1);
+  session.has_gateway = false;
+  ASSERT_EQ(force_after(5600), 0) << "5 s of patience, and half a second in which the force decreases";
+  session.connected = false;
+  session.restart_gateway();
+  session.has_gateway = true;
+  const std::uint64_t heartbeats = session.core().link().heartbeats();
+  for (int cycle = 0; cycle < 1000; ++cycle) ASSERT_EQ(force_after(1), 0) << "cycle " << cycle;
+  EXPECT_GT(session.core().link().heartbeats(), heartbeats) << "the supervisor sees that the gateway runs";
+  session.connected = true;
+  EXPECT_GT(force_after(500), 0.9 * before);
+}
+
+TEST_F(OrganSession, NumbersOfReceivedPosesContinueAfterAGatewayThatHasReceivedNone) {
+  LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(1 << 15), 2, {}, {}, 0.8};
+  session::ObjectPose pose;
+  pose.origin = {kSession, kHost, 1, 0};
+  pose.object_id = session.entry(0).object_id;
+  pose.fencing = 1;
+  pose.pose = session.entry(0).pose;
+  const auto run = [&](int poses) {
+    for (int cycle = 0; cycle < 500; ++cycle) session.step(position(0), Vec3d::Zero());
+    for (int i = 0; i < poses; ++i) {
+      ++pose.sequence;
+      session.gateway().on_pose(pose, session.now_ns(), session.now_ns());
+    }
+    return hrtc_service::MailboxReader{session.core().link().bodies.granted}.latest().bodies[0].received.number;
+  };
+  const std::uint64_t before = run(3);
+  ASSERT_GT(before, 1u);
+  session.restart_gateway();
+  ASSERT_EQ(run(0), 0u) << "this gateway has received none";
+  session.restart_gateway();
+  EXPECT_GT(run(1), before);
+}
+
 TEST_F(OrganSession, AnObjectThatHasChangedForAnotherGatewayIsReplaced) {
   LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(1 << 15)};
   for (int cycle = 0; cycle < 500; ++cycle) session.step(position(0), Vec3d::Zero());

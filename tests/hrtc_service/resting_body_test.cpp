@@ -140,6 +140,75 @@ TEST_F(BoxOnOrgan, WithoutAGatewayItsForceEndsWithin60MsAndReturnsWithTheGateway
   EXPECT_GT(force(), 0.5 * before);
 }
 
+TEST_F(BoxOnOrgan, WithoutAGatewayItsForceEndsWithin60MsAlsoWhenCyclesAreLate) {
+  constexpr std::int64_t kLateMs = 8;  // between two cycles
+  const haptics::BodyState resting = receive_resting_box();
+  Vec3d hand = resting.position + Vec3d{0, 0, kBoxHalfEdge + 0.0125};
+  for (int cycle = 0; cycle < 600; ++cycle) {
+    if (cycle < 400) hand.z() -= 0.01 / 400;
+    run_cycle(hand, false);
+  }
+  const auto force = [&] { return hrtc_service::vec(outputs_[0].force).norm(); };
+  const double before = force();
+  ASSERT_GT(before, 0.1);
+  session_.has_gateway = false;
+  const auto run_late_cycle = [&] {
+    session_.pause((kLateMs - 1) * kMs);
+    run_cycle(hand, false);
+  };
+  for (int cycle = 1; cycle <= 30 / kLateMs; ++cycle) run_late_cycle();
+  EXPECT_GT(force(), 0.5 * before) << "a busy gateway";
+  for (int cycle = 30 / kLateMs + 1; cycle <= 60 / kLateMs + 1; ++cycle) run_late_cycle();
+  EXPECT_EQ(force(), 0);
+  EXPECT_EQ(outputs_[0].status & (session::kFault | session::kStalePose), std::uint32_t{session::kStalePose});
+}
+
+TEST_F(BoxOnOrgan, UnderAnotherGatewayItsForceReturnsWhenAPoseOfItHasArrived) {
+  const haptics::BodyState resting = receive_resting_box();
+  const auto force = [&] { return hrtc_service::vec(outputs_[0].force).norm(); };
+  const Vec3d pressed = resting.position + Vec3d{0, 0, kBoxHalfEdge + 0.0025};
+  for (int cycle = 0; cycle < 600; ++cycle) run_cycle(pressed + Vec3d{0, 0, std::max(0.0, 0.01 - 3e-5 * cycle)}, false);
+  const double before = force();
+  ASSERT_GT(before, 0.1);
+  ASSERT_TRUE(reports_.bodies[0].is_touched);
+  session_.has_gateway = false;
+  for (int cycle = 0; cycle < 100; ++cycle) run_cycle(pressed, false);
+  session_.restart_gateway();
+  session_.has_gateway = true;
+  for (int cycle = 0; cycle < 1000; ++cycle) {  // a gateway with heartbeats, which has passed no pose
+    run_cycle(pressed, false);
+    ASSERT_EQ(force(), 0) << "cycle " << cycle;
+    ASSERT_FALSE(reports_.bodies[0].is_touched) << "the gateway would claim the box, cycle " << cycle;
+  }
+  ASSERT_EQ(session_.loader().objects().size(), 2u) << "the servo has kept the box";
+  orders_.bodies[0].received.number = 2;
+  for (int cycle = 0; cycle < 300; ++cycle) run_cycle(pressed, false);
+  EXPECT_GT(force(), 0.5 * before);
+  EXPECT_TRUE(reports_.bodies[0].is_touched);
+  EXPECT_GE(reports_.ports[0].lowest, kMinPortEnergy);
+}
+
+TEST_F(BoxOnOrgan, UnderAnotherGatewayItAppearsWhereOthersHaveMovedItAndPushesNoHand) {
+  const haptics::BodyState resting = receive_resting_box();
+  const auto force = [&] { return hrtc_service::vec(outputs_[0].force).norm(); };
+  const Vec3d pressed = resting.position + Vec3d{0, 0, kBoxHalfEdge + 0.0025};
+  for (int cycle = 0; cycle < 600; ++cycle) run_cycle(pressed + Vec3d{0, 0, std::max(0.0, 0.01 - 3e-5 * cycle)}, false);
+  ASSERT_GT(force(), 0.1);
+  session_.has_gateway = false;
+  for (int cycle = 0; cycle < 100; ++cycle) run_cycle(pressed, false);
+  session_.restart_gateway();
+  session_.has_gateway = true;
+  for (int cycle = 0; cycle < 500; ++cycle) run_cycle(pressed, false);
+  orders_.bodies[0].received.number = 2;
+  orders_.bodies[0].received.state.position.z() += 0.2;
+  run_cycle(pressed, false);
+  EXPECT_LT((reports_.bodies[0].state.position - orders_.bodies[0].received.state.position).norm(), 1e-9);
+  for (int cycle = 0; cycle < 300; ++cycle) {
+    run_cycle(pressed, false);
+    ASSERT_EQ(force(), 0) << "cycle " << cycle;
+  }
+}
+
 TEST_F(BoxOnOrgan, WithoutAGatewayAHandLetsGoOfItWithin60Ms) {
   const haptics::BodyState resting = receive_resting_box();
   Vec3d hand = resting.position + Vec3d{0, 0, kBoxHalfEdge + 0.0125};

@@ -101,6 +101,7 @@ class LocalSession {
 
   /// Inputs of the next `touch`. `prepare` sets the input of the first probe; a test may set the others.
   [[nodiscard]] std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes>& inputs() { return inputs_; }
+  [[nodiscard]] std::int64_t now_ns() const noexcept { return now_; }
   [[nodiscard]] const session::CatalogueEntry& entry(std::size_t object) const { return host_.catalogue()[object]; }
   [[nodiscard]] hrtc_service::HrtcCore& core() noexcept { return core_; }
   [[nodiscard]] hrtc_service::Membership& membership() noexcept { return *membership_; }
