@@ -95,12 +95,7 @@ GatewayService::Impl::Impl(const HrtcOptions& given, ServoLink& servo_link, Cont
     states.set_object_id(object.index, 0);
     if (contact_log) contact_log->close(object);
   };
-  if (is_successor) {  // what the earlier gateway has reported is not reported again
-    stopped = link.stop().stopped;
-    const ProbeReports reports = MailboxReader{link.reports}.latest();
-    for (std::uint32_t i = 0; i < kMaxProbes; ++i)
-      faults_logged[i] = reports.probes[i].status & (session::kFault | session::kFaultReason);
-  }
+  stopped = link.stop().stopped;  // a stop that the earlier gateway has reported is not reported again
   add_local_users();
   // The directory is made after every step that may throw, so that a failed start leaves none.
   if (!options.snapshot.empty()) expect_snapshot_directory(options.snapshot);

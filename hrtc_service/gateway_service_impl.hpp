@@ -151,8 +151,7 @@ struct GatewayService::Impl {
   realtime::ServiceManager service_manager;
   bool ended = false;
   int exit_code = 0;
-  std::array<std::uint32_t, kMaxProbes> faults_logged{};  // status bits
-  std::array<std::uint32_t, kMaxProbes> holds_logged{};   // status bits
+  std::array<std::uint32_t, kMaxProbes> holds_logged{};  // status bits
   LateCycleClassifier late_cycles;
   std::deque<CycleTrace> late_traces;  // late cycles that are not classified yet
   PeriodicTimer overrun_logged{kOverrunLogNs}, targets_logged{kTargetsLogNs};

@@ -170,7 +170,7 @@ void GatewayService::Impl::measure_first_touch(std::int64_t now_ns) {
 
 void GatewayService::Impl::log_fault(std::uint32_t probe, std::uint32_t status) {
   const std::uint32_t fault = status & (session::kFault | session::kFaultReason);
-  if (fault == std::exchange(faults_logged[probe], fault)) return;
+  if (fault == link.exchange_fault_logged(probe, fault)) return;
   const std::string user = membership.has_user(probe) ? "user " + membership.name_at(probe) : "a user that has left";
   if ((fault & session::kFault) != 0) {
     spdlog::warn("the force of {} is off until a reset: {}", user, session::fault_reason(status));

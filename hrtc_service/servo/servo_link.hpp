@@ -131,6 +131,11 @@ struct ServoLink {
   /// Sets whether the gateway is in the session: it has received the roster entry of a host. Such an entry lists the
   /// standing stops, so call `set_stop` first. A gateway begins outside the session.
   void set_in_session(bool in_session) noexcept { in_session_.store(in_session, std::memory_order_release); }
+  /// Stores the status bits of a probe's fault that the gateway has logged, 0: none. Returns those before. The next
+  /// gateway logs only faults that no gateway has logged.
+  std::uint32_t exchange_fault_logged(std::uint32_t probe, std::uint32_t bits) noexcept {
+    return faults_logged_[probe].exchange(bits, std::memory_order_relaxed);
+  }
   /// Requests that the servo reports the regions of an object's mesh. A new request replaces one that is not answered.
   void request_shown(std::uint32_t object_index) noexcept {
     shown_request_.store(object_index, std::memory_order_relaxed);
@@ -194,6 +199,7 @@ struct ServoLink {
   std::atomic<std::uint32_t> shown_request_{spm::kNone};
   std::atomic<std::uint64_t> heartbeats_{0}, session_heartbeats_{0}, traces_dropped_{0}, log_dropped_{0};
   std::atomic<bool> in_session_{false};
+  std::array<std::atomic<std::uint32_t>, kMaxProbes> faults_logged_{};  // status bits
   std::atomic<std::uint32_t> snapshot_requests_{0};
   std::atomic<std::uint32_t> ended_{0};  // exit status + 1; 0: not ended
   std::atomic<bool> servo_ended_{false};
