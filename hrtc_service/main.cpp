@@ -27,6 +27,9 @@ using namespace tactus;
 
 /// Runs servo and gateway in this process.
 int run_both(const hrtc_service::HrtcOptions& options) {
+  // A signal that arrives before the first cycle is obeyed in that cycle.
+  (void)realtime::emergency_stop_signals();
+  (void)realtime::save_signals();
   prctl(PR_SET_NAME, "tactus-hrtc");  // by which `tactus control stop --local` finds it
   const std::atomic<bool>& stop = realtime::stop_signal();
   if (!options.warning.empty()) event_log::write(session::Severity::kWarning, options.warning);

@@ -16,11 +16,16 @@ static_assert(std::atomic<std::uint32_t>::is_always_lock_free, "changed in a sig
 void request_save(int) { ++saves_requested; }
 void request_emergency_stop(int) { ++emergency_stops_requested; }
 
+/// Installs a handler, which also gets a signal that was delayed.
 void install(int signal, void (*handler)(int)) {
   struct sigaction action {};
   action.sa_handler = handler;
   action.sa_flags = SA_RESTART;
   sigaction(signal, &action, nullptr);
+  sigset_t delayed;
+  sigemptyset(&delayed);
+  sigaddset(&delayed, signal);
+  sigprocmask(SIG_UNBLOCK, &delayed, nullptr);
 }
 
 }  // namespace
@@ -31,6 +36,13 @@ const std::atomic<bool>& stop_signal() {
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
   return stop_requested;
+}
+
+void delay_user_signals() {
+  sigset_t delayed;
+  sigemptyset(&delayed);
+  for (const int signal : {SIGUSR1, SIGUSR2}) sigaddset(&delayed, signal);
+  sigprocmask(SIG_BLOCK, &delayed, nullptr);
 }
 
 const std::atomic<std::uint32_t>& save_signals() {

@@ -17,12 +17,15 @@ namespace tactus::realtime {
 /// that takes time. The program has to read the flag often enough to end within 2 s.
 [[nodiscard]] const std::atomic<bool>& stop_signal();
 
+/// Delays SIGUSR1 and SIGUSR2 until the next two functions are called. The delay continues after exec().
+void delay_user_signals();
+
 /// Returns the number of SIGUSR2 signals, each of which requests an emergency stop at this program. The first call
-/// installs the handler.
+/// installs the handler. Without it, the signal ends the program, so main calls this before all work that takes time.
 [[nodiscard]] const std::atomic<std::uint32_t>& emergency_stop_signals();
 
 /// Returns the number of SIGUSR1 signals, each of which requests that recorded data is saved. The first call installs
-/// the handler.
+/// the handler, like `emergency_stop_signals`.
 [[nodiscard]] const std::atomic<std::uint32_t>& save_signals();
 
 }  // namespace tactus::realtime

@@ -22,6 +22,9 @@ namespace {
 using namespace tactus;
 
 int run(const hrtc_service::HrtcOptions& options, const std::vector<std::string>& arguments) {
+  // A signal that arrives before the first cycle is obeyed in that cycle.
+  (void)realtime::emergency_stop_signals();
+  (void)realtime::save_signals();
   const std::atomic<bool>& stop = realtime::stop_signal();
   const hrtc_service::OpenedDevices devices{options};
   const hrtc_service::SharedBlock block = hrtc_service::SharedBlock::create(!options.log.empty());
@@ -41,6 +44,7 @@ int run(const hrtc_service::HrtcOptions& options, const std::vector<std::string>
 }  // namespace
 
 int main(int argc, char** argv) {
+  realtime::delay_user_signals();  // also until the program of --one-process can handle them
   const auto [options, exit_status] = hrtc_service::read_options(argc, argv);
   if (!options) return exit_status;
   try {

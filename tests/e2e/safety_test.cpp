@@ -4,7 +4,10 @@
 #include <unistd.h>
 
 #include <array>
+#include <chrono>
+#include <filesystem>
 #include <system_error>
+#include <thread>
 #include <utility>
 
 #include "session/figures.hpp"
@@ -88,6 +91,36 @@ TEST_F(SafetyTest, ALocalStopStopsTheSessionUntilAReset) {
   EXPECT_THAT(reset.output(), testing::HasSubstr("resets 1 stop\nacknowledged by HRTCs: desk; by hosts: museum"));
   EXPECT_TRUE(observer.until([](const Seen& seen) { return has_force(seen, "ann") && has_force(seen, "bob"); }));
 }
+
+/// An HRTC of two processes, and one of one process.
+class StopAtTheStart : public SafetyTest, public testing::WithParamInterface<bool> {};
+
+TEST_P(StopAtTheStart, ALocalStopWhileADriverOpensIsObeyedFromTheFirstCycle) {
+  Observer observer{address("observer")};
+  const std::string file = path("writes");
+  std::vector<std::string> options{"--device", "ann=" TACTUS_DRIVER_WITH_DEFECTS ",opens slowly:" + file};
+  if (GetParam()) options.emplace_back("--one-process");
+  Process desk{hrtc("desk", options)};
+  for (const auto end = std::chrono::steady_clock::now() + kWatchdog;
+       !std::filesystem::exists(file) && std::chrono::steady_clock::now() < end;)
+    std::this_thread::sleep_for(2ms);  // a file notifies nobody
+  desk.signal(SIGUSR1);
+  desk.signal(SIGUSR2);
+  EXPECT_TRUE(desk.wait_for_line("emergency stop at this HRTC, by the stop button of a device or a signal"))
+      << desk.output();
+  ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.user("ann").count > 10; })) << desk.output();
+  const StateCounts ann = observer.seen().user("ann");
+  EXPECT_EQ(ann.faults, ann.count) << "each state has the fault, so the force is zero";
+  EXPECT_STREQ(session::fault_reason(ann.last.status), "emergency stop");
+
+  Process reset{control({"reset"})};
+  EXPECT_TRUE(observer.until([](const Seen& seen) { return (seen.user("ann").last.status & session::kFault) == 0; }))
+      << desk.output();
+  EXPECT_TRUE(exits_with(0, reset)) << reset.output();
+}
+
+INSTANTIATE_TEST_SUITE_P(Processes, StopAtTheStart, testing::Bool(),
+                         [](const auto& one) { return std::string{one.param ? "One" : "Two"}; });
 
 TEST_F(SafetyTest, ALocalStopSignalsEveryHrtcOfTheMachineAndNoOtherProgram) {
   // In its own process namespace, because a local stop would signal the HRTCs of other tests too. A chroot may have none.

@@ -1,6 +1,7 @@
 /* A driver without a device. Its configuration is "DEFECT:FILE". It appends a line to FILE for each write, with the time
- * in ns and the force, and the line "closed" at its end. The defect shows in the first read after a force of 3 N.
- * "taps" is no defect: the stop button is pressed in one read, when the force is zero again. */
+ * in ns and the force, and the line "closed" at its end. The defect shows in the first read after a force of 3 N,
+ * except that "opens slowly" and "slow" show in each such call. "taps" is no defect: the stop button is pressed in one
+ * read, when the force is zero again. */
 #include <pthread.h>
 #include <signal.h>
 #include <stdio.h>
@@ -15,8 +16,20 @@ struct tactus_device {
   char defect[32];
   FILE* file;
   double force;     /* newest, N */
+  int64_t time_ns;  /* of a pose that is repeated, or 0 */
   int is_triggered; /* the defect has shown */
 };
+
+static int64_t ns_of(clockid_t clock) {
+  struct timespec now;
+  clock_gettime(clock, &now);
+  return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
+}
+
+static void sleep_ms(long ms) {
+  const struct timespec time = {ms / 1000, ms % 1000 * 1000000};
+  nanosleep(&time, NULL);
+}
 
 static struct tactus_device* open_device(const char* config, char* error, size_t error_size) {
   struct tactus_device* device = calloc(1, sizeof *device);
@@ -34,6 +47,7 @@ static struct tactus_device* open_device(const char* config, char* error, size_t
     return NULL;
   }
   if (strcmp(device->defect, "killed while it opens") == 0) raise(SIGKILL);
+  if (strcmp(device->defect, "opens slowly") == 0) sleep_ms(500);
   return device;
 }
 
@@ -64,6 +78,7 @@ static void* damage_shared_memory(void* unused) {
 
 static int read_device(struct tactus_device* device, int64_t now_ns, struct tactus_device_pose* pose) {
   pose->position[2] = 0.001 * device->force; /* shows the written force to the test */
+  if (strcmp(device->defect, "slow") == 0) sleep_ms(3);
   if (strcmp(device->defect, "taps") == 0 && device->is_triggered == 1 && device->force == 0) {
     pose->buttons = 4; /* the stop button, in this read only */
     device->is_triggered = 2;
@@ -79,8 +94,12 @@ static int read_device(struct tactus_device* device, int64_t now_ns, struct tact
   if (strcmp(device->defect, "far") == 0) pose->velocity[0] = pose->position[0] = 1e300;
   if (strcmp(device->defect, "without orientation") == 0) memset(pose->orientation, 0, sizeof pose->orientation);
   if (strcmp(device->defect, "from the future") == 0) {
-    pose->time_ns = now_ns + 1000000000000;
-    if (device->is_triggered) return TACTUS_DEVICE_NO_NEWS;
+    if (device->time_ns == 0) device->time_ns = now_ns + 100000000;
+    pose->time_ns = device->time_ns;
+  }
+  if (strcmp(device->defect, "wall clock") == 0) {
+    if (device->time_ns == 0) device->time_ns = ns_of(CLOCK_REALTIME);
+    pose->time_ns = device->time_ns;
   }
   pthread_t thread;
   if (strcmp(device->defect, "damages") == 0 && !device->is_triggered &&
@@ -91,11 +110,10 @@ static int read_device(struct tactus_device* device, int64_t now_ns, struct tact
 }
 
 static int write_device(struct tactus_device* device, const double force[3]) {
-  struct timespec now;
-  clock_gettime(CLOCK_MONOTONIC, &now);
   device->force = force[2];
-  fprintf(device->file, "%lld %g\n", (long long)now.tv_sec * 1000000000 + now.tv_nsec, force[2]);
+  fprintf(device->file, "%lld %g\n", (long long)ns_of(CLOCK_MONOTONIC), force[2]);
   fflush(device->file);
+  if (strcmp(device->defect, "slow") == 0) sleep_ms(5);
   return 0;
 }
 
