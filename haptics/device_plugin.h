@@ -10,8 +10,8 @@
  *
  * Each device has a process of its own, tactus-device, in which one thread calls all functions. If a driver crashes,
  * other devices go on, and its own device keeps its last force until its own watchdog acts. read and write are called
- * once per cycle, by default at 1 kHz, and together must take less than a cycle. The time of a read adds to the delay of
- * the force loop, and so lowers the largest stiffness. If the SDK takes long, the driver reads in a thread of its own,
+ * once per cycle, by default at 1 kHz, and together must take less than a cycle. Their time adds to the delay of the
+ * force loop, and so lowers the largest stiffness. If the SDK takes long, the driver reads in a thread of its own,
  * and read returns the newest pose with its time. A call of read or write that does not return within half a second
  * ends the process. */
 #ifndef TACTUS_HAPTICS_DEVICE_PLUGIN_H
@@ -56,7 +56,8 @@ struct tactus_device_pose {
   double position[3];    /* of the tip, m */
   double velocity[3];    /* m/s */
   double orientation[4]; /* x, y, z, w, of unit length */
-  int64_t time_ns;       /* time of the measurement, CLOCK_MONOTONIC */
+  int64_t time_ns;       /* time of the measurement, CLOCK_MONOTONIC; a pose with the same time as the one before is no
+                          * news, and a time more than 0.5 s in the future is a failure */
   uint32_t buttons;      /* bit 0: the clutch: the device moves and the tip does not;
                           * bit 1: the grab: the hand holds a movable object that it touches;
                           * bit 2: an emergency stop: forces are off until it is released and a reset follows */

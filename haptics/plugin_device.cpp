@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <cmath>
 #include <utility>
 
@@ -36,6 +37,11 @@ const tactus_device_driver& driver_in(void* handle, const std::string& library) 
   for (const auto& [name, is_found] : functions)
     if (!is_found) throw DeviceError("device driver " + library + ": found no function " + name);
   return *driver;
+}
+
+std::int64_t monotonic_ns() noexcept {
+  const auto now = std::chrono::steady_clock::now().time_since_epoch();  // CLOCK_MONOTONIC
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(now).count();
 }
 
 }  // namespace
@@ -84,8 +90,17 @@ DeviceState PluginDevice::read(std::int64_t now_ns) noexcept {
     failed_ = true;
     return state_;
   }
+  if (const std::int64_t end_ns = std::max(now_ns, monotonic_ns()); pose.time_ns > end_ns + kMaxAheadNs) {
+    ahead_ns_ = pose.time_ns - end_ns;
+    failed_ = true;
+    return state_;
+  }
+  state_.buttons = pose.buttons;
+  if (std::exchange(pose_time_ns_, pose.time_ns) == pose.time_ns) return state_;  // no news
+  // A later time would make the pose new for longer.
+  const std::int64_t time_ns = std::clamp<std::int64_t>(pose.time_ns, 0, now_ns);
   const Vec3d position{pose.position[0], pose.position[1], pose.position[2]};
-  const double passed = static_cast<double>(pose.time_ns - state_.time_ns) * 1e-9;
+  const double passed = static_cast<double>(time_ns - state_.time_ns) * 1e-9;
   if (has_velocity_)
     state_.velocity = {pose.velocity[0], pose.velocity[1], pose.velocity[2]};
   else if (has_pose_ && passed > 0)
@@ -94,8 +109,7 @@ DeviceState PluginDevice::read(std::int64_t now_ns) noexcept {
   if (!has_pose_ && !has_velocity_) state_.velocity.setZero();  // the filter starts anew with the next position
   state_.position = position;
   state_.orientation = {pose.orientation[3], pose.orientation[0], pose.orientation[1], pose.orientation[2]};
-  state_.time_ns = std::min(pose.time_ns, now_ns);  // a later time would make the pose new for longer
-  state_.buttons = pose.buttons;
+  state_.time_ns = time_ns;
   return state_;
 }
 

@@ -1,6 +1,9 @@
 /// Operates a device through a driver in a shared library, which is loaded at run time.
 #pragma once
 
+#include <atomic>
+#include <cstdint>
+#include <limits>
 #include <memory>
 #include <string>
 
@@ -29,9 +32,14 @@ class PluginDevice final : public Device {
   [[nodiscard]] DeviceHealth health() const noexcept override {
     return failed_ ? DeviceHealth::kFailed : DeviceHealth::kReady;
   }
+  /// Returns how long the time of a pose was after the end of `read`, ns, if the device has failed for it. Otherwise
+  /// returns 0. Any thread.
+  [[nodiscard]] std::int64_t ahead_ns() const noexcept { return ahead_ns_; }
 
  private:
   static constexpr double kSmoothing = 0.005;  // s, time constant of a velocity derived from positions
+  // A later time is of another clock, for example CLOCK_REALTIME. A smaller error does not keep a pose new.
+  static constexpr std::int64_t kMaxAheadNs = 500'000'000;
 
   std::unique_ptr<void, int (*)(void*)> library_;
   const tactus_device_driver* driver_ = nullptr;
@@ -41,8 +49,10 @@ class PluginDevice final : public Device {
   bool has_velocity_ = false;
   bool writes_torque_ = false;
   DeviceState state_;
+  std::int64_t pose_time_ns_ = std::numeric_limits<std::int64_t>::min();  // of the newest pose, from the driver
   bool has_pose_ = false;
   bool failed_ = false;
+  std::atomic<std::int64_t> ahead_ns_{0};
 };
 
 }  // namespace tactus::haptics

@@ -34,15 +34,28 @@ void set_text(std::array<char, kSize>& characters, const std::string& text) {
   std::strncpy(characters.data(), text.c_str(), kSize - 1);
 }
 
+/// Returns what is wrong with the times of the driver's poses, or an empty text.
+std::string time_error(const haptics::PluginDevice& device) {
+  const std::int64_t ahead_ns = device.ahead_ns();
+  if (ahead_ns == 0) return "";
+  return "read gave a pose from " + std::to_string(static_cast<double>(ahead_ns) * 1e-9) +
+         " s in the future, expected the time of the measurement on CLOCK_MONOTONIC";
+}
+
 /// Ends this process if a call of the driver does not return within half a second. The system then closes the device.
-/// Counts only the time in which this process runs. Ends the loop if tactus-hrtc has ended. Polls, so that the loop has
-/// no work for it.
-void watch(const std::stop_token& token, const DriverLoop& loop, DriverLink& link, pid_t hrtc) {
+/// Counts only the time in which this process runs. Ends the loop if tactus-hrtc has ended, or if poses have wrong
+/// times. Polls, so that the loop has no work for it.
+void watch(const std::stop_token& token, const haptics::PluginDevice& device, const DriverLoop& loop, DriverLink& link,
+           pid_t hrtc) {
   constexpr std::chrono::milliseconds kPoll{50};
   std::uint32_t steps = loop.steps();
   for (int unchanged = 0; unchanged < 10 && !token.stop_requested(); ++unchanged) {
     std::this_thread::sleep_for(kPoll);
     if (getppid() != hrtc) link.is_ending = 1;
+    if (const std::string error = time_error(device); !error.empty() && link.is_ending == 0) {
+      set_text(link.error, error);
+      link.is_ending = 1;
+    }
     if (std::exchange(steps, loop.steps()) != steps) unchanged = 0;
   }
   if (token.stop_requested()) return;
@@ -65,14 +78,16 @@ int run(DriverLink& link, int priority, const char* library, const char* config)
   link.spec = device.spec();
   DriverLoop loop{device, link};
   loop.begin();
-  const std::jthread watcher{[&](const std::stop_token& token) { watch(token, loop, link, hrtc); }};
+  if (const std::string error = time_error(device); !error.empty())
+    throw haptics::DeviceError("device " + device.name() + ": " + error);
+  const std::jthread watcher{[&](const std::stop_token& token) { watch(token, device, loop, link, hrtc); }};
   if (priority > 0) {  // the HRTC reports at its start whether the system grants both
     (void)realtime::lock_memory();
     (void)realtime::enter_realtime("device", priority);
   }
   link.is_open.store(1, std::memory_order_release);
   loop.run();
-  return 0;
+  return device.ahead_ns() == 0 ? 0 : 1;
 }
 
 }  // namespace

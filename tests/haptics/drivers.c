@@ -31,6 +31,16 @@ static void spec_of(struct tactus_device* device, struct tactus_device_spec* spe
 static int read_device(struct tactus_device* device, int64_t now_ns, struct tactus_device_pose* pose) {
   (void)now_ns;
   ++device->reads;
+#ifdef DRIVER_REPEATS
+  pose->time_ns = 100000000; /* after the first calls of the test */
+  pose->buttons = (uint32_t)device->reads;
+#endif
+#ifdef DRIVER_AHEAD
+  pose->time_ns = now_ns + 100000000;
+#endif
+#ifdef DRIVER_WALL_CLOCK
+  if (device->reads > 3) pose->time_ns = 1700000000000000000;
+#endif
   pose->position[0] = 0.001 * device->reads; /* 1 m/s at 1 kHz */
   pose->position[1] = device->force;         /* shows the written force to the test */
 #ifdef DRIVER_NOT_A_NUMBER

@@ -80,6 +80,35 @@ TEST(PluginDevice, APoseAgesWithoutNewPosesAndTheDeviceStaysReady) {
   EXPECT_EQ(device.health(), DeviceHealth::kReady);
 }
 
+TEST(PluginDevice, APoseWithAnUnchangedTimeAges) {
+  PluginDevice device{REPEATS, ""};
+  for (int ms = 1; ms <= 10; ++ms) (void)device.read(ms * kMs);
+  const DeviceState state = device.read(80 * kMs);
+  EXPECT_EQ(state.time_ns, kMs) << "the pose counts as measured at its first read, because its time was later";
+  EXPECT_NEAR(state.position.x(), 0.001, 1e-12);
+  EXPECT_EQ(state.velocity, Vec3d(Vec3d::Zero()));
+  EXPECT_EQ(state.buttons, 11u) << "a button may be the stop button, so the newest state counts";
+  EXPECT_EQ(device.health(), DeviceHealth::kReady);
+}
+
+TEST(PluginDevice, DerivesVelocitiesAlsoIfTheTimesOfPosesAreAfterTheCalls) {  // otherwise the damping is missing
+  PluginDevice device{AHEAD, ""};
+  DeviceState state;
+  for (int ms = 1; ms <= 3; ++ms) state = device.read(ms * kMs);
+  EXPECT_NEAR(state.velocity.x(), 1 - std::exp(-2 / 5.0), 1e-9);
+  EXPECT_EQ(device.health(), DeviceHealth::kReady);
+}
+
+TEST(PluginDevice, ATimeOfAnotherClockIsAFailure) {
+  PluginDevice device{WALL_CLOCK, ""};
+  for (int ms = 1; ms <= 3; ++ms) (void)device.read(ms * kMs);
+  EXPECT_EQ(device.health(), DeviceHealth::kReady);
+  EXPECT_EQ(device.ahead_ns(), 0);
+  for (int ms = 4; ms <= 80; ++ms) EXPECT_EQ(device.read(ms * kMs).time_ns, 3 * kMs);
+  EXPECT_EQ(device.health(), DeviceHealth::kFailed);
+  EXPECT_GT(device.ahead_ns(), 0);
+}
+
 TEST(PluginDevice, AfterAFailureWritesOnlyAZeroForce) {
   PluginDevice device{FAILS, ""};
   device.write({2, 0, 0});
