@@ -1,6 +1,7 @@
 #include "hrtc_service/servo/probe_devices.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include "haptics/force.hpp"
@@ -24,20 +25,23 @@ ProbeDevices::ProbeDevices(DeviceLink& link, const LocalDevices& local, const ha
       orders_{link.orders},
       probes_{make_probes<Probe>(link, local, frame, std::make_index_sequence<kMaxProbes>{})} {}
 
-/// Begins with a new device if the order is for another user or source. No memory is allocated.
-void ProbeDevices::obey(Probe& probe, const ProbeOrder& order) noexcept {
+/// Begins with a new device if the order is for another user or source. Returns whether this replaces a device. No
+/// memory is allocated.
+bool ProbeDevices::obey(Probe& probe, const ProbeOrder& order) noexcept {
   const PoseSource source = is_valid(order) ? order.source : PoseSource::kNone;
-  if (source == probe.order.source && order.user == probe.order.user) return;
+  if (source == probe.order.source && order.user == probe.order.user) return false;
+  const bool is_replaced = probe.order.source != PoseSource::kNone;
   probe.order = order;
   probe.order.source = source;
   probe.has_pose = false;
   probe.hand.reset();
-  if (source != PoseSource::kHand) return;
+  if (source != PoseSource::kHand) return is_replaced;
   haptics::HandSettings settings;
   settings.start = vec(order.start);
   settings.start_orientation = quaternion(order.orientation);
   settings.seed = order.seed;
   probe.hand.emplace(settings);
+  return is_replaced;
 }
 
 /// A path may arrive before the order for its user, so the newest one is kept.
@@ -78,10 +82,10 @@ void ProbeDevices::read(std::int64_t now_ns, std::array<ProbeInput, kMaxProbes>&
       read_local(probe, now_ns, input);
       continue;
     }
-    obey(probe, orders[i]);
+    const bool is_replaced = obey(probe, orders[i]);
     take_path(probe);
     take_pose(probe, now_ns);
-    input.active = probe.hand || (probe.order.source == PoseSource::kRemote && probe.has_pose);
+    input.active = !is_replaced && (probe.hand || (probe.order.source == PoseSource::kRemote && probe.has_pose));
     if (!input.active) continue;
     input.device = probe.hand ? probe.hand->read(now_ns) : probe.pose;
     input.pose_age = static_cast<double>(now_ns - input.device.time_ns) * 1e-9;
@@ -93,7 +97,10 @@ void ProbeDevices::write_local(Probe& probe, const ProbeOutput& output) const no
   const Vec3d force = vec(output.force), torque = vec(output.torque);
   const bool has_fault = (output.status & session::kFault) != 0;
   Vec3d at_hand = probe.strength * probe.frame.force_to_device(force);
-  if (const double size = at_hand.norm(); size > limits_.max_force) at_hand *= limits_.max_force / size;
+  if (const double size = at_hand.norm(); !std::isfinite(size))
+    at_hand.setZero();
+  else if (size > limits_.max_force)
+    at_hand *= limits_.max_force / size;
   if (probe.frame.scale() > 1 && probe.strength > 0 && !has_fault)
     at_hand = haptics::slewed(at_hand, probe.written, limits_.max_slew * limits_.period);
   probe.written = at_hand;

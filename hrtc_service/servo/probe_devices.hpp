@@ -40,7 +40,8 @@ class ProbeDevices {
   ProbeDevices(DeviceLink& link, const LocalDevices& local, const haptics::DeviceFrame& frame,
                const HandLimits& limits = {});
 
-  /// Obeys new orders, and sets the state of each probe's device in `inputs`.
+  /// Obeys new orders, and sets the state of each probe's device in `inputs`. If an order replaces a user by another
+  /// one, the probe is inactive once, so that the cycle resets it.
   void read(std::int64_t now_ns, std::array<ProbeInput, kMaxProbes>& inputs) noexcept;
   /// Writes forces and torques to devices at this machine and simulated hands. The gateway sends those of devices at
   /// clients.
@@ -67,7 +68,7 @@ class ProbeDevices {
     haptics::DeviceState pose;  // newest valid one of a device at a client
     bool has_pose = false;      // of the user in `order`
   };
-  void obey(Probe& probe, const ProbeOrder& order) noexcept;
+  [[nodiscard]] bool obey(Probe& probe, const ProbeOrder& order) noexcept;
   void take_path(Probe& probe) noexcept;
   void take_pose(Probe& probe, std::int64_t now_ns) noexcept;
   void read_local(Probe& probe, std::int64_t now_ns, ProbeInput& input) const noexcept;

@@ -128,6 +128,10 @@ TEST_P(LocalDeviceTest, TheForceAtTheHandHasTheLimitsOfTheHrtc) {
   outputs_[0].status = session::kFault;
   step(0);
   EXPECT_EQ(device_.written.norm(), 0) << "a fault ends the force at once";
+  for (const double wrong : {kNan, std::numeric_limits<double>::infinity()}) {
+    step(wrong);
+    EXPECT_EQ(device_.written.norm(), 0) << "in the world: " << wrong << " N";
+  }
 }
 
 // With a larger scale, the renderer sees the speed in the world.
@@ -179,11 +183,38 @@ TEST_F(ProbeDevicesTest, ALaterUserDoesNotGetThePathOrThePoseOfAnEarlierOne) {
 
   order({.source = PoseSource::kRemote, .user = 3});
   send_pose(3, pose_at(0.3));
-  read();
+  read(2);
   EXPECT_DOUBLE_EQ(x(), 0.3);
   order({.source = PoseSource::kRemote, .user = 4});
-  read();
+  read(2);
   EXPECT_FALSE(input().active) << "no pose of this user has arrived";
+}
+
+// The cycle resets the proxy and the force of a probe that is inactive.
+TEST_F(ProbeDevicesTest, AProbeIsInactiveOnceBetweenTwoUsersAlsoIfTheServoWasSuspendedMeanwhile) {
+  order({.source = PoseSource::kRemote, .user = 1});
+  send_pose(1, pose_at(0.3));
+  read();
+  ASSERT_TRUE(input().active);
+  order({});
+  order({.source = PoseSource::kRemote, .user = 2});
+  send_pose(2, pose_at(0.1));
+  read();
+  EXPECT_FALSE(input().active);
+  read();
+  EXPECT_TRUE(input().active);
+  EXPECT_DOUBLE_EQ(x(), 0.1);
+
+  order({.source = PoseSource::kHand, .user = 3});
+  read();
+  EXPECT_FALSE(input().active);
+  read();
+  EXPECT_TRUE(input().active);
+  order({});
+  read();
+  order({.source = PoseSource::kHand, .user = 4});
+  read();
+  EXPECT_TRUE(input().active) << "the probe was inactive before";
 }
 
 TEST_F(ProbeDevicesTest, ARemotePoseHasItsAgeAndTransit) {
@@ -251,6 +282,7 @@ TEST_F(ProbeDevicesTest, AnyBitsInTheLinkGiveFiniteStates) {
     if (random() % 5 == 0) link_.orders.posted = random();
     if (random() % 5 == 0) link_.paths[1].posted = random();
     read();
+    if (!input().active) read();  // between two users the probe is inactive once
     if (!input().active) continue;
     ++active;
     ASSERT_TRUE(input().device.position.allFinite()) << "step " << step;
