@@ -1,6 +1,7 @@
 #include "hrtc_service/servo/body_intake.hpp"
 
 #include <algorithm>
+#include <bitset>
 
 #include "hrtc_service/servo/shared_check.hpp"
 
@@ -18,14 +19,14 @@ bool is_valid(const GrantedCoupling& coupling) noexcept {
 
 }  // namespace
 
-/// Makes a coupling of the body, or releases the one in use.
+/// Makes a coupling of the body, or releases the one in use. A body with kMaxCouplings gets none for now.
 void BodyIntake::set_coupling(Body& body, const GrantedCoupling& granted, const haptics::BodySettings& settings) {
   const bool has_coupling = !body.couplings.empty() && body.couplings.back().first_orders_without == 0;
   if (granted.fencing == (has_coupling ? body.couplings.back().granted.fencing : 0)) return;
   if (has_coupling) body.couplings.back().first_orders_without = posted_ + 1;
   body.order.coupling = nullptr;
-  body.order.coupling_fencing = granted.fencing;
-  if (granted.fencing == 0) return;
+  body.order.coupling_fencing = 0;
+  if (granted.fencing == 0 || body.couplings.size() >= kMaxCouplings) return;
   haptics::CouplingSettings coupling;
   coupling.copies = granted.copies;
   coupling.stiffness = kCouplingStiffness;
@@ -33,10 +34,10 @@ void BodyIntake::set_coupling(Body& body, const GrantedCoupling& granted, const 
   body.couplings.push_back(
       {granted, std::make_unique<haptics::CopyCoupling>(coupling, granted.copy_index, settings), 0});
   body.order.coupling = body.couplings.back().coupling.get();
+  body.order.coupling_fencing = granted.fencing;
 }
 
 void BodyIntake::apply(const GrantedBody& granted) {
-  if (granted.object >= kMaxObjects) return;
   const TouchObject* const object = objects_.find(granted.object);
   if (object == nullptr || !object->body || !is_valid(granted.coupling) || !is_valid(granted.received.state) ||
       !is_moderate(granted.received.session_ns))
@@ -85,7 +86,13 @@ std::size_t BodyIntake::couplings() const noexcept {
 void BodyIntake::tick() {
   free_unused();
   if (!granted_in_.take(granted_) || !is_valid(granted_.clock)) return;
-  for (std::uint32_t i = 0; i < std::min(granted_.count, kMaxBodies); ++i) apply(granted_.bodies[i]);
+  std::bitset<kMaxObjects> applied;
+  for (std::uint32_t i = 0; i < std::min(granted_.count, kMaxBodies); ++i) {
+    const GrantedBody& granted = granted_.bodies[i];
+    if (granted.object >= kMaxObjects || applied.test(granted.object)) continue;
+    applied.set(granted.object);
+    apply(granted);
+  }
   post();
 }
 

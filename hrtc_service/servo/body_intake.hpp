@@ -3,9 +3,10 @@
 ///     BodyLink::granted --> [check, make couplings] --> BodyOrderLink::orders --> haptic thread (Bodies)
 ///                           [free]                  <-- BodyOrderLink::seen   <-'
 ///
-/// A coupling exists until the haptic thread has received orders for its object that do not name it, or has returned
-/// the object.
-/// Trusts nothing in the link: for an object with wrong numbers, the last orders remain.
+/// A coupling takes about 0.5 MB. It exists until the haptic thread has received orders for its object that do not name
+/// it, or has returned the object. A body with kMaxCouplings of them gets no other one until one is freed.
+/// Trusts nothing in the link: for an object with wrong numbers, the last orders remain. If an object is there twice,
+/// the first order counts.
 ///
 /// One thread, the one of the intake. Allocates.
 #pragma once
@@ -22,6 +23,8 @@ namespace tactus::hrtc_service {
 
 class BodyIntake {
  public:
+  static constexpr std::size_t kMaxCouplings = 4;  ///< of a body
+
   /// The arguments must outlive this object.
   BodyIntake(const TouchObjects& objects, BodyLink& link) : objects_{objects}, granted_in_{link.granted} {}
 

@@ -416,6 +416,27 @@ TEST_F(BodyIntakeTest, CouplingsOfOldGrantsAreFreedAndNewOnesTakeTheirPlace) {
   EXPECT_EQ(body_intake_->couplings(), 0u);
 }
 
+// A gateway could use up the memory of the servo.
+TEST_F(BodyIntakeTest, ABodyHasFewCouplingsWhileTheServoFreesNone) {
+  grants_.clock.local_ns = grants_.clock.session_ns = now_ns_;
+  grants_.count = kMaxBodies;
+  for (std::uint64_t fencing = 1; fencing <= 1000; ++fencing) {
+    for (std::uint32_t i = 0; i < kMaxBodies; ++i) {
+      grants_.bodies[i] = grant_at({0, 0, 0.1});
+      grants_.bodies[i].coupling = {kMaxBodies * fencing + i, 2, 0, kMinChannelDelayNs};
+    }
+    MailboxWriter{link_->bodies.granted}.post(grants_);
+    body_intake_->tick();
+    ASSERT_LE(body_intake_->couplings(), std::min<std::uint64_t>(fencing, BodyIntake::kMaxCouplings))
+        << "an object counts once in a post";
+  }
+  EXPECT_EQ(body_intake_->couplings(), BodyIntake::kMaxCouplings);
+  grants_.count = 1;
+  EXPECT_EQ(report().coupling_fencing, 0u) << "the body had too many couplings";
+  EXPECT_EQ(body_intake_->couplings(), 0u);
+  EXPECT_EQ(report().coupling_fencing, kMaxBodies * 1000) << "it gets one when they are free";
+}
+
 TEST_F(BodyIntakeTest, ACouplingExistsUntilTheServoHasReturnedItsObject) {
   grants_.bodies[0].coupling = {1, 2, 0, kMinChannelDelayNs};
   (void)report();
