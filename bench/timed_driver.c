@@ -22,6 +22,7 @@ static struct tactus_device* open_device(const char* config, char* error, size_t
 static void close_device(struct tactus_device* device) { free(device); }
 static void spec_of_device(struct tactus_device* device, struct tactus_device_spec* spec) {
   (void)device;
+  spec->max_force = 1e9; /* above the numbers of cycles, which the benchmark sends as forces */
   spec->flags = TACTUS_DEVICE_HAS_VELOCITY;
 }
 static int read_device(struct tactus_device* device, int64_t now_ns, struct tactus_device_pose* pose) {

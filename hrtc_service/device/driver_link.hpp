@@ -21,7 +21,7 @@ namespace tactus::hrtc_service {
 
 /// The driver's read should be done `kReadAheadNs` before the planned start of a cycle. From that start on, its process
 /// polls for the command every `kPollNs`. Together they delay the force loop by about 0.15 ms more than a driver in the
-/// haptic thread would, and the time of a read comes on top. This lowers the largest stable stiffness.
+/// haptic thread would, and the times of a read and a write come on top. This lowers the largest stable stiffness.
 inline constexpr std::int64_t kReadAheadNs = 100'000, kPollNs = 50'000;
 
 /// A force for the hand, in the device's frame.
@@ -33,15 +33,15 @@ struct DriverCommand {
 /// State of the device.
 struct DriverState {
   haptics::DeviceState device;
-  std::int64_t read_ns = 0;  ///< mean time that the driver needs for a read
-  std::uint32_t failed = 0;  ///< not 0: the driver has reported a permanent failure
+  std::int64_t calls_ns = 0;  ///< mean time that the driver needs for a read and a write
+  std::uint32_t failed = 0;   ///< not 0: the driver has reported a permanent failure
   /// Number of times that the stop button was pressed. If a press begins and ends between two reads of the HRTC, the
   /// newest state does not show it.
   std::uint32_t stops = 0;
 };
 
 struct DriverLink {
-  static constexpr std::uint64_t kLayout = 2;  ///< increases when this struct or one of its parts changes
+  static constexpr std::uint64_t kLayout = 3;  ///< increases when this struct or one of its parts changes
 
   // Written by the HRTC before the other process starts.
   std::uint64_t layout = kLayout;

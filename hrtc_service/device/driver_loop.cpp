@@ -8,6 +8,17 @@ namespace tactus::hrtc_service {
 using haptics::Vec3d;
 using realtime::monotonic_ns;
 
+namespace {
+
+/// Adds the time since `began_ns` to a mean. A single slow call changes neither the time of the next read nor the
+/// stiffness.
+void add_to_mean(std::int64_t& mean_ns, std::int64_t began_ns) noexcept {
+  constexpr int kMeanOf = 64;  // calls
+  mean_ns += (monotonic_ns() - began_ns - mean_ns) / kMeanOf;
+}
+
+}  // namespace
+
 DriverLoop::DriverLoop(haptics::Device& device, DriverLink& link) noexcept
     : device_{device},
       is_ending_{link.is_ending},
@@ -49,12 +60,11 @@ std::int64_t DriverLoop::planned_start() noexcept {
 }
 
 void DriverLoop::send_state() noexcept {
-  constexpr int kMeanOf = 64;  // reads; a single slow one changes neither the time of the next read nor the stiffness
   DriverState state;
   const std::int64_t began_ns = monotonic_ns();
   state.device = device_.read(began_ns);
-  read_ns_ += (monotonic_ns() - began_ns - read_ns_) / kMeanOf;
-  state.read_ns = read_ns_;
+  add_to_mean(read_ns_, began_ns);
+  state.calls_ns = read_ns_ + write_ns_;
   state.failed = device_.health() == haptics::DeviceHealth::kFailed ? 1 : 0;
   const bool is_stopped = (state.device.buttons & haptics::kStopButton) != 0;
   if (is_stopped && !is_stopped_) ++stops_;
@@ -76,12 +86,29 @@ bool DriverLoop::wait_for_command(std::int64_t next_ns) noexcept {
   return true;
 }
 
+/// Returns whether the device has these limits. If not, the driver has probably written to the memory of the commands,
+/// because the HRTC obeys the limits. False for a number that is not finite.
+bool DriverLoop::is_allowed(const Vec3d& force, const Vec3d& torque) const noexcept {
+  constexpr double kRounding = 1 + 1e-6;
+  const haptics::DeviceSpec& spec = device_.spec();
+  return force.norm() <= kRounding * spec.max_force && torque.norm() <= kRounding * spec.max_torque;
+}
+
 /// Writes the force of the newest command. One that is too old has no effect, because zero force follows at once.
+/// Writes zero force instead of one that the device does not allow.
 void DriverLoop::write_command() noexcept {
   constexpr double kRecovery = 0.1;  // s, as after old poses (haptics/force.hpp)
   if (monotonic_ns() - cycle_ns_ >= timeout_ns_) return;
+  const Vec3d force{command_.force.data()}, torque{command_.torque.data()};
+  if (!is_allowed(force, torque)) {
+    strength_ = 0;
+    device_.write(Vec3d::Zero());
+    return;
+  }
   strength_ = std::min(1.0, strength_ + static_cast<double>(period_ns_) * 1e-9 / kRecovery);
-  device_.write_wrench(strength_ * Vec3d{command_.force.data()}, strength_ * Vec3d{command_.torque.data()});
+  const std::int64_t began_ns = monotonic_ns();
+  device_.write_wrench(strength_ * force, strength_ * torque);
+  add_to_mean(write_ns_, began_ns);
 }
 
 }  // namespace tactus::hrtc_service

@@ -38,6 +38,7 @@ class DriverLoop {
 
  private:
   void send_state() noexcept;
+  [[nodiscard]] bool is_allowed(const haptics::Vec3d& force, const haptics::Vec3d& torque) const noexcept;
   [[nodiscard]] bool wait_for_command(std::int64_t cycle_ns) noexcept;
   void write_command() noexcept;
   [[nodiscard]] std::int64_t planned_start() noexcept;
@@ -54,6 +55,7 @@ class DriverLoop {
   std::uint32_t stops_ = 0;      // number of its presses
   double strength_ = 0;          // 0 to 1: share of the commanded force
   std::int64_t read_ns_ = 0;     // mean time of a read
+  std::int64_t write_ns_ = 0;    // mean time of a write of a command
   std::int64_t cycle_ns_ = 0;    // start of the newest cycle with a command
   std::int64_t planned_ns_ = 0;  // start that was planned for that cycle
   std::atomic<std::uint32_t> steps_{0};

@@ -5,12 +5,14 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <cstdio>
 #include <cstring>
 #include <limits>
 #include <new>
 #include <optional>
 #include <utility>
 
+#include "haptics/remote_device.hpp"
 #include "realtime/process.hpp"
 
 namespace tactus::hrtc_service {
@@ -41,6 +43,12 @@ std::string text_of(const std::array<char, kSize>& characters) {
   return text;
 }
 
+std::string ms_text(std::int64_t ns) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.3g ms", static_cast<double>(ns) * 1e-6);
+  return text;
+}
+
 /// Returns whether each number is at most 1e9, and the orientation is about a unit quaternion. False for a number that
 /// is not finite.
 bool is_moderate(const haptics::DeviceState& state) noexcept {
@@ -51,13 +59,14 @@ bool is_moderate(const haptics::DeviceState& state) noexcept {
 
 }  // namespace
 
-DriverProcess::DriverProcess(const DriverSettings& settings, std::function<void(const std::string&)> on_end)
+DriverProcess::DriverProcess(const DriverSettings& settings, std::function<void(const std::string&)> report)
     : memory_{make_memory(settings)},
       process_{command_of(settings), memory_.descriptor()},
+      period_ns_{settings.period_ns},
       commands_{link().commands},
       states_{link().states} {
   open(settings.library);
-  watcher_ = std::jthread{[this, report = std::move(on_end)](const std::stop_token& token) { watch(token, report); }};
+  watcher_ = std::jthread{[this, send = std::move(report)](const std::stop_token& token) { watch(token, send); }};
 }
 
 DriverProcess::~DriverProcess() {
@@ -88,16 +97,26 @@ void DriverProcess::open(const std::string& library) {
   haptics::check(spec_, library);
 }
 
-/// Waits for the end of the process, which no one expects.
-void DriverProcess::watch(const std::stop_token& token, const std::function<void(const std::string&)>& on_end) {
+/// Waits for the end of the process, which no one expects. Reports once that the calls of the driver are too slow.
+void DriverProcess::watch(const std::stop_token& token, const std::function<void(const std::string&)>& report) {
   constexpr std::chrono::milliseconds kPoll{50};  // also the time after which a stop is noticed
+  constexpr int kSlowPolls = 4;                   // in a row, so that a busy machine seldom causes a report
+  int slow_polls = 0;
+  bool is_reported = false;
   while (!token.stop_requested()) {
     const std::optional<int> status = process_.wait(kPoll);
-    if (!status) continue;
+    if (!status) {
+      const std::int64_t calls_ns = calls_ns_;
+      slow_polls = calls_ns > period_ns_ ? slow_polls + 1 : 0;
+      if (slow_polls == kSlowPolls && !std::exchange(is_reported, true))
+        report("device " + name_ + ": a read and a write of its driver take " + ms_text(calls_ns) +
+               ", expected less than a cycle, " + ms_text(period_ns_) + "; the device follows late");
+      continue;
+    }
     has_ended_ = true;
     if (is_ending_) return;
     const std::string reason = error();
-    on_end("device " + name_ + ": the process of its driver " + realtime::text_of_end(*status) +
+    report("device " + name_ + ": the process of its driver " + realtime::text_of_end(*status) +
            (reason.empty() ? "" : ": " + reason) + "; it gets no force until the HRTC starts again");
     return;
   }
@@ -110,8 +129,10 @@ haptics::DeviceState DriverProcess::read(std::int64_t now_ns) noexcept {
   DriverState newest;
   if (!states_.take(newest)) return state_;
   has_failed_ = has_failed_ || newest.failed != 0;
-  constexpr std::int64_t kMaxAgeNs = 1'000'000'000'000, kMaxReadNs = 1'000'000;
-  const std::int64_t delay_ns = kReadAheadNs + kPollNs + std::clamp<std::int64_t>(newest.read_ns, 0, kMaxReadNs);
+  constexpr std::int64_t kMaxAgeNs = 1'000'000'000'000;
+  constexpr auto kMaxCallsNs = static_cast<std::int64_t>(haptics::RoundTripBound::kUnknown * 1e9);
+  const std::int64_t calls_ns = std::clamp<std::int64_t>(newest.calls_ns, 0, kMaxCallsNs);
+  calls_ns_.store(calls_ns, std::memory_order_relaxed);
   state_ = newest.device;
   if (std::exchange(stops_, newest.stops) != newest.stops) state_.buttons |= haptics::kStopButton;
   // A later time would make the pose new for longer. The next state of a driver without news has this time again.
@@ -120,7 +141,7 @@ haptics::DeviceState DriverProcess::read(std::int64_t now_ns) noexcept {
   state_.orientation.normalize();
   state_.sequence = 0;
   state_.transit = 0;
-  state_.round_trip = static_cast<double>(delay_ns) * 1e-9;
+  state_.round_trip = static_cast<double>(kReadAheadNs + kPollNs + calls_ns) * 1e-9;
   return state_;
 }
 

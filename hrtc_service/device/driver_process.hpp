@@ -29,9 +29,10 @@ struct DriverSettings {
 class DriverProcess final : public haptics::Device {
  public:
   /// Starts the process, and waits until the driver has opened the device, at most 60 s or until a signal requests the
-  /// end of this program. `on_end` receives a line if the process ends before this object; another thread calls it.
+  /// end of this program. `report` receives a line if the process ends before this object, and one if a read and
+  /// a write of the driver take longer than a cycle. Another thread calls it.
   /// Throws DeviceError with the driver's reason, or std::system_error.
-  DriverProcess(const DriverSettings& settings, std::function<void(const std::string&)> on_end);
+  DriverProcess(const DriverSettings& settings, std::function<void(const std::string&)> report);
   /// Waits until the driver has written zero force and closed the device, at most 2 s. Then kills its process.
   ~DriverProcess() override;
   DriverProcess(const DriverProcess&) = delete;
@@ -55,14 +56,16 @@ class DriverProcess final : public haptics::Device {
  private:
   [[nodiscard]] DriverLink& link() const noexcept { return *reinterpret_cast<DriverLink*>(memory_.data()); }
   void open(const std::string& library);
-  void watch(const std::stop_token& token, const std::function<void(const std::string&)>& on_end);
+  void watch(const std::stop_token& token, const std::function<void(const std::string&)>& report);
   [[nodiscard]] std::string error() const;
 
   realtime::SharedMemory memory_;
   realtime::ChildProcess process_;
   std::string name_;
   haptics::DeviceSpec spec_;
+  const std::int64_t period_ns_;
   std::atomic<bool> is_ending_{false}, has_ended_{false};
+  std::atomic<std::int64_t> calls_ns_{0};  // DriverState::calls_ns of the newest state
   std::jthread watcher_;
 
   // Haptic thread only.

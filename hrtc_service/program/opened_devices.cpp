@@ -21,10 +21,10 @@ std::unique_ptr<DriverProcess> open_driver(const LocalUser& local, const HapticS
   settings.config = comma == std::string::npos ? "" : local.device.substr(comma + 1);
   settings.period_ns = haptic.period_ns();
   settings.priority = haptic.priority;
-  const auto log_end = [user = local.user](const std::string& text) {
+  const auto log_error = [user = local.user](const std::string& text) {
     event_log::write(session::Severity::kError, "user " + user + ": " + text);
   };
-  auto device = std::make_unique<DriverProcess>(settings, log_end);
+  auto device = std::make_unique<DriverProcess>(settings, log_error);
   event_log::write(session::Severity::kInfo, "device " + device->name());
   return device;
 }

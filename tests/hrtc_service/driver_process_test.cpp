@@ -8,9 +8,14 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
+#include <chrono>
 #include <cmath>
+#include <cstdlib>
 #include <fstream>
 #include <functional>
+#include <limits>
+#include <memory>
 #include <mutex>
 #include <sstream>
 #include <string>
@@ -18,6 +23,7 @@
 #include <utility>
 #include <vector>
 
+#include "hrtc_service/device/driver_loop.hpp"
 #include "realtime/process.hpp"
 #include "realtime/realtime.hpp"
 #include "tests/support/constants.hpp"
@@ -259,8 +265,27 @@ TEST_F(DriverProcessTest, ATimeInTheFutureDoesNotKeepAPoseNew) {
   DriverProcess device{with_defect("from the future"), record_end()};
   ASSERT_TRUE(runs_until(device, 3, has_force(3)));
   EXPECT_TRUE(runs_until(device, 3, [](const DeviceState& state) {
-    return monotonic_ns() - state.time_ns > 100 * kMs;
-  })) << "the driver has no news, so the pose grows old";
+    return monotonic_ns() - state.time_ns > 200 * kMs;
+  })) << "the driver returns the same pose, so it grows old";
+  EXPECT_EQ(device.health(), DeviceHealth::kReady);
+}
+
+TEST_F(DriverProcessTest, ADriverWithTimesOfAnotherClockHasFailed) {
+  DriverProcess device{with_defect("wall clock"), record_end()};
+  EXPECT_TRUE(fails(device));
+  EXPECT_THAT(wait_for_end(), AllOf(HasSubstr("the process of its driver has failed: read gave a pose from "),
+                                    HasSubstr(" s in the future, expected the time of the measurement on")));
+  EXPECT_THAT(written_text(), testing::EndsWith(" 0\nclosed\n"));
+}
+
+TEST_F(DriverProcessTest, SlowCallsOfADriverLowerTheStiffnessAndAreReported) {
+  DriverSettings settings = with_defect("slow");  // 3 ms for a read, 5 ms for a write
+  settings.period_ns = 5 * kMs;
+  DriverProcess device{settings, record_end()};
+  EXPECT_TRUE(runs_until(device, 0, [](const DeviceState& state) { return state.round_trip > 0.0055; })) << "s";
+  EXPECT_TRUE(runs_until(device, 0, [this](const DeviceState&) { return !reported_end().empty(); }));
+  EXPECT_THAT(reported_end(), AllOf(HasSubstr("device device with a defect: a read and a write of its driver take "),
+                                    HasSubstr(" ms, expected less than a cycle, 5 ms")));
 }
 
 TEST_F(DriverProcessTest, AStopThatIsPressedBetweenTwoReadsOfTheServoIsReported) {
@@ -324,6 +349,62 @@ TEST_F(DriverProcessTest, ADriverThatDamagesTheSharedMemoryDoesNotEndTheHrtc) {
     EXPECT_TRUE(!state.position.allFinite() || state.position.norm() < 1e10);
     return ++cycles == 500;
   }));
+  std::ifstream lines{file_};
+  int forces = 0;
+  for (std::string time, force; lines >> time >> force; ++forces)
+    EXPECT_LE(std::abs(std::strtod(force.c_str(), nullptr)), 5) << "N, the limit of the device; found " << force;
+  EXPECT_GT(forces, 0);
+}
+
+/// A device that counts the forces of its writes.
+class CountingDevice final : public haptics::Device {
+ public:
+  [[nodiscard]] const haptics::DeviceSpec& spec() const noexcept override { return spec_; }
+  [[nodiscard]] DeviceState read(std::int64_t now_ns) noexcept override {
+    DeviceState state;
+    state.time_ns = now_ns;
+    return state;
+  }
+  void write(const Vec3d& force) noexcept override { write_wrench(force, Vec3d::Zero()); }
+  void write_wrench(const Vec3d& force, const Vec3d& torque) noexcept override {
+    const bool is_within = force.norm() <= spec_.max_force && torque.norm() <= spec_.max_torque;
+    if (!is_within) ++excessive;
+    if (is_within && !force.isZero(0)) ++within;
+  }
+  [[nodiscard]] DeviceHealth health() const noexcept override { return DeviceHealth::kReady; }
+
+  std::atomic<int> within{0}, excessive{0};  // forces that are not zero, by the limits of `spec`
+
+ private:
+  haptics::DeviceSpec spec_;
+};
+
+TEST(DriverLoop, ACommandAboveTheLimitsOfTheDeviceBecomesZeroForce) {  // damaged memory may contain any command
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  const auto link = std::make_unique<DriverLink>();
+  link->period_ns = kMs;
+  CountingDevice device;
+  DriverLoop loop{device, *link};
+  loop.begin();
+  std::thread thread{[&] { loop.run(); }};
+  MailboxWriter<DriverCommand> commands{link->commands};
+  const auto command = [&](const DriverCommand& wanted) {
+    DriverCommand next = wanted;
+    next.cycle_ns = monotonic_ns();
+    commands.post(next);
+    std::this_thread::sleep_for(std::chrono::milliseconds{1});
+  };
+  for (const DriverCommand& wrong :
+       {DriverCommand{{0, 0, 1e301}, {}, 0}, DriverCommand{{kNan, 0, 0}, {}, 0}, DriverCommand{{6, 8, 1}, {}, 0},
+        DriverCommand{{1, 0, 0}, {0, 0, 0.1}, 0}, DriverCommand{{1, 0, 0}, {kNan, 0, 0}, 0}})
+    for (int cycle = 0; cycle < 20; ++cycle) command(wrong);
+  EXPECT_EQ(device.within.load(), 0);
+  const std::int64_t until_ns = monotonic_ns() + 20'000 * kMs;
+  while (device.within == 0 && monotonic_ns() < until_ns) command({{6, 8, 0}, {}, 0});
+  link->is_ending = 1;
+  thread.join();
+  EXPECT_GT(device.within.load(), 0) << "a force of exactly the limit acts";
+  EXPECT_EQ(device.excessive.load(), 0);
 }
 
 }  // namespace
