@@ -1,5 +1,6 @@
 #include "host_service/model_store.hpp"
 
+#include <sys/stat.h>
 #include <xxhash.h>
 
 #include <array>
@@ -11,10 +12,11 @@
 #include <cstdlib>
 #include <fstream>
 #include <future>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
-#include <regex>
+#include <string>
 #include <thread>
 #include <type_traits>
 #include <utility>
@@ -22,10 +24,12 @@
 
 #include "spm/offline/build.hpp"
 #include "spm/offline/import.hpp"
+#include "spm/offline/pending_file.hpp"
 
 namespace tactus::host_service {
 namespace {
 
+using spm::offline::FileNames;
 using spm::offline::MappedModel;
 using spm::offline::ModelError;
 
@@ -35,13 +39,21 @@ constexpr std::uint32_t kBuilderVersion = 1;
 class Hasher {
  public:
   void add(const void* data, std::size_t size) { XXH3_64bits_update(state_.get(), data, size); }
-  void add_file(const std::filesystem::path& path) {
-    std::ifstream file{path, std::ios::binary};
-    if (!file) throw ModelError{path.string() + ": cannot be read"};
+  void add(std::uint64_t number) { add(&number, sizeof number); }
+  void add(const std::string& text) {
+    add(text.size());
+    add(text.data(), text.size());
+  }
+  /// Adds the rest of an open file. Returns false if it cannot be read.
+  [[nodiscard]] bool add_file(std::FILE& file) {
     std::array<char, 1 << 16> block{};
-    while (file.read(block.data(), block.size()), file.gcount() > 0) {
-      add(block.data(), static_cast<std::size_t>(file.gcount()));
+    std::uint64_t size = 0;
+    while (const std::size_t got = std::fread(block.data(), 1, block.size(), &file)) {
+      add(block.data(), got);
+      size += got;
     }
+    add(size);
+    return std::ferror(&file) == 0;
   }
   [[nodiscard]] std::uint64_t digest() const { return XXH3_64bits_digest(state_.get()); }
 
@@ -56,22 +68,69 @@ class Hasher {
   }();
 };
 
-/// Returns a hash of the file and, for a glTF file, of the buffers that it names.
-std::uint64_t content_hash(const std::filesystem::path& model) {
+/// Returns a hash of a model and of the files that its reader requests. Reads each file once, and none that the reader
+/// would not get.
+std::uint64_t content_hash(const std::filesystem::path& model, const FileNames& requested) {
   Hasher hasher;
-  hasher.add(&kBuilderVersion, sizeof kBuilderVersion);
-  hasher.add(&spm::offline::kModelFileVersion, sizeof spm::offline::kModelFileVersion);
-  hasher.add_file(model);
-  if (model.extension() == ".gltf") {
-    std::ifstream file{model, std::ios::binary};
-    const std::string text{std::istreambuf_iterator<char>{file}, {}};
-    static const std::regex uri{"\"uri\"\\s*:\\s*\"([^\"]{1,255})\""};
-    for (std::sregex_iterator at{text.begin(), text.end(), uri}, end; at != end; ++at) {
-      const std::filesystem::path buffer = model.parent_path() / (*at)[1].str();
-      if (std::filesystem::is_regular_file(buffer)) hasher.add_file(buffer);
-    }
+  hasher.add(kBuilderVersion);
+  hasher.add(spm::offline::kModelFileVersion);
+  std::map<std::pair<dev_t, ino_t>, std::uint64_t> numbers;  // of the files read, from 1
+  /// Returns the number of the file; 0: there is none of this name.
+  const auto add_file = [&](const std::string& name) -> std::uint64_t {
+    const int descriptor = spm::offline::open_requested(model, name);
+    if (descriptor < 0) return 0;
+    const std::unique_ptr<std::FILE, decltype(&std::fclose)> file{::fdopen(descriptor, "rb"), &std::fclose};
+    struct stat status {};
+    if (!file || ::fstat(descriptor, &status) != 0) throw ModelError{model.string() + ": cannot read the file " + name};
+    const auto [found, is_new] = numbers.try_emplace({status.st_dev, status.st_ino}, numbers.size() + 1);
+    if (is_new && !hasher.add_file(*file)) throw ModelError{model.string() + ": cannot read the file " + name};
+    return found->second;
+  };
+  if (add_file(model.filename().string()) == 0) throw ModelError{model.string() + ": cannot be read"};
+  for (const std::string& name : requested) {
+    hasher.add(name);
+    hasher.add(add_file(name));
   }
   return hasher.digest();
+}
+
+std::filesystem::path entry(const std::filesystem::path& cache, std::uint64_t content, const char* extension) {
+  std::array<char, 32> name{};
+  std::snprintf(name.data(), name.size(), "%016llx%s", static_cast<unsigned long long>(content), extension);
+  return cache / name.data();
+}
+
+/// The files of the cache for a model. If the reader of the model requests other files, `names` has their names, each
+/// with a zero at its end, because the hash of the model alone does not determine the result.
+struct CacheEntry {
+  std::filesystem::path names, built;
+};
+
+CacheEntry cache_entry(const std::filesystem::path& cache, const std::filesystem::path& model,
+                       const FileNames& requested) {
+  const std::uint64_t content = content_hash(model, {});
+  return {entry(cache, content, ".files"),
+          entry(cache, requested.empty() ? content : content_hash(model, requested), ".spm")};
+}
+
+/// Returns the entry for the names that the cache has for this model.
+CacheEntry find_entry(const std::filesystem::path& cache, const std::filesystem::path& model) {
+  const CacheEntry alone = cache_entry(cache, model, {});
+  std::ifstream file{alone.names, std::ios::binary};
+  FileNames requested;
+  for (std::string name; std::getline(file, name, '\0');) requested.insert(name);
+  return requested.empty() ? alone : cache_entry(cache, model, requested);
+}
+
+void write_names(const std::filesystem::path& path, const FileNames& requested) {
+  if (requested.empty()) {
+    std::error_code ignored;  // usually there is none
+    std::filesystem::remove(path, ignored);
+    return;
+  }
+  spm::offline::PendingFile file{path};
+  for (const std::string& name : requested) file.write(name.c_str(), name.size() + 1);
+  file.commit();
 }
 
 /// Passes log lines and the end of the work from a worker thread to the thread that waits for it.
@@ -145,15 +204,29 @@ std::optional<MappedModel> open_cached(const std::filesystem::path& path, LogLin
   }
 }
 
-spm::offline::BuiltModel build(const std::filesystem::path& model, LogLines& lines) {
+struct Built {
+  spm::offline::BuiltModel model;
+  FileNames requested;
+  CacheEntry entry;
+};
+
+Built build(const std::filesystem::path& cache, const std::filesystem::path& model, LogLines& lines) {
   lines.add(model.string() + ": building");
   std::string last_stage;
-  return spm::offline::build_model_file(model, {}, [&](std::string_view stage, double) {
-    lines.expect_open();
-    if (stage == last_stage) return;
-    last_stage = stage;
-    lines.add(model.string() + ": " + last_stage);
-  });
+  Built built;
+  built.model = spm::offline::build_model_file(
+      model, {},
+      [&](std::string_view stage, double) {
+        lines.expect_open();
+        if (stage == last_stage) return;
+        last_stage = stage;
+        lines.add(model.string() + ": " + last_stage);
+      },
+      [&](const FileNames& requested) {
+        built.requested = requested;
+        built.entry = cache_entry(cache, model, requested);  // before the files change during a long build
+      });
+  return built;
 }
 
 }  // namespace
@@ -182,10 +255,8 @@ MappedModel ModelStore::open(const std::filesystem::path& model) const {
   };
   if (spm::offline::is_model_file(model) || model.extension() == ".spm") return open_file(model);
 
-  std::array<char, 32> name{};
-  const std::uint64_t content = unless_stopped(stop_, log_, [model](LogLines&) { return content_hash(model); });
-  std::snprintf(name.data(), name.size(), "%016llx.spm", static_cast<unsigned long long>(content));
-  const std::filesystem::path cached = cache_ / name.data();
+  const std::filesystem::path cached =
+      unless_stopped(stop_, log_, [model, cache = cache_](LogLines&) { return find_entry(cache, model).built; });
   std::optional<MappedModel> ready =
       unless_stopped(stop_, log_, [cached](LogLines& lines) { return open_cached(cached, lines); });
   if (ready) {
@@ -195,12 +266,13 @@ MappedModel ModelStore::open(const std::filesystem::path& model) const {
   std::error_code failed;
   std::filesystem::create_directories(cache_, failed);
   if (failed) throw ModelError{cache_.string() + ": cannot make this folder for built models: " + failed.message()};
-  const spm::offline::BuiltModel built =
-      unless_stopped(stop_, log_, [model](LogLines& lines) { return build(model, lines); });
-  // Written in this thread, so that Stopped leaves either the complete file or none.
-  spm::offline::write_model(cached, built.model(), {model.filename().string(), built.cleaned});
-  log_(model.string() + ": built and stored in " + cached.string());
-  return open_file(cached);
+  const Built built =
+      unless_stopped(stop_, log_, [model, cache = cache_](LogLines& lines) { return build(cache, model, lines); });
+  // Written in this thread, so that Stopped leaves either the complete files or none.
+  write_names(built.entry.names, built.requested);
+  spm::offline::write_model(built.entry.built, built.model.model(), {model.filename().string(), built.model.cleaned});
+  log_(model.string() + ": built and stored in " + built.entry.built.string());
+  return open_file(built.entry.built);
 }
 
 }  // namespace tactus::host_service

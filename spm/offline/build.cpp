@@ -14,7 +14,6 @@
 #include "spm/offline/digest.hpp"
 #include "spm/offline/face_numbers.hpp"
 #include "spm/offline/face_order.hpp"
-#include "spm/offline/import.hpp"
 #include "spm/offline/parallel.hpp"
 #include "spm/offline/region_lists.hpp"
 #include "spm/offline/snap.hpp"
@@ -373,9 +372,12 @@ BuiltModel build_model(TriangleMesh mesh, const BuildOptions& options, const Pro
   return built;
 }
 
-BuiltModel build_model_file(const std::filesystem::path& path, const BuildOptions& options, const Progress& progress) {
+BuiltModel build_model_file(const std::filesystem::path& path, const BuildOptions& options, const Progress& progress,
+                            const std::function<void(const FileNames& requested)>& on_read) {
   if (progress) progress("read", 0);
-  TriangleMesh mesh = import_mesh(path, options.losses);
+  FileNames requested;
+  TriangleMesh mesh = import_mesh(path, options.losses, &requested);
+  if (on_read) on_read(requested);
   try {
     return build_model(std::move(mesh), options, progress);
   } catch (const ModelError& e) {

@@ -10,6 +10,7 @@
 
 #include "spm/model.hpp"
 #include "spm/offline/clean.hpp"
+#include "spm/offline/import.hpp"
 #include "spm/offline/partition.hpp"
 #include "spm/offline/simplify.hpp"
 #include "spm/offline/triangle_mesh.hpp"
@@ -47,8 +48,10 @@ void require_face_count(std::size_t faces);
 [[nodiscard]] BuiltModel build_model(TriangleMesh mesh, const BuildOptions& options = {},
                                      const Progress& progress = {});
 
-/// Imports a file and builds a model from it. Throws ModelError that names the file.
+/// Imports a file and builds a model from it. `on_read` is called after the import, with the names that import_mesh()
+/// gives. Throws ModelError that names the file.
 [[nodiscard]] BuiltModel build_model_file(const std::filesystem::path& path, const BuildOptions& options = {},
-                                          const Progress& progress = {});
+                                          const Progress& progress = {},
+                                          const std::function<void(const FileNames& requested)>& on_read = {});
 
 }  // namespace tactus::spm::offline

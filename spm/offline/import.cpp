@@ -145,7 +145,8 @@ class WaitableChildren {
 /// The child process that reads a model.
 class ImportProcess {
  public:
-  ImportProcess(const std::filesystem::path& model, LossPolicy losses) : model_{model} {
+  ImportProcess(const std::filesystem::path& model, LossPolicy losses, FileNames* requested)
+      : model_{model}, requested_{requested} {
     std::array<int, 2> sockets{};
     require(socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, sockets.data()) == 0, "socketpair");
     socket_ = Descriptor{sockets[0]};
@@ -269,20 +270,12 @@ class ImportProcess {
     return true;
   }
 
-  /// Opens the model, or another regular file in its folder or below.
   [[nodiscard]] Descriptor open_file(std::string_view name) {
-    std::filesystem::path path = model_;
-    if (name != model_.filename().string()) {
-      std::error_code error;
-      const std::filesystem::path folder = std::filesystem::canonical(
-          model_.has_parent_path() ? model_.parent_path() : std::filesystem::path{"."}, error);
-      if (!error) path = std::filesystem::canonical(folder / name, error);
-      if (error || std::mismatch(folder.begin(), folder.end(), path.begin(), path.end()).first != folder.end())
-        return Descriptor{};
-    }
-    Descriptor file{open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY)};
+    if (name.find('\0') != std::string_view::npos) return Descriptor{};
+    if (requested_ != nullptr && name != model_.filename().string()) requested_->emplace(name);
+    Descriptor file{open_requested(model_, name)};
     struct stat status {};
-    if (file.get() < 0 || fstat(file.get(), &status) != 0 || !S_ISREG(status.st_mode)) return Descriptor{};
+    if (file.get() < 0 || fstat(file.get(), &status) != 0) return Descriptor{};
     if (known_files_.emplace(status.st_dev, status.st_ino).second) bytes_ += static_cast<std::uint64_t>(status.st_size);
     set_limits();
     return file;
@@ -385,6 +378,7 @@ class ImportProcess {
   }
 
   const std::filesystem::path& model_;
+  FileNames* const requested_;
   Descriptor socket_, result_;
   pid_t child_ = -1;
   std::set<std::pair<dev_t, ino_t>> known_files_;  // that the child has opened
@@ -395,10 +389,26 @@ class ImportProcess {
 
 }  // namespace
 
-TriangleMesh import_mesh(const std::filesystem::path& path, LossPolicy losses) {
+int open_requested(const std::filesystem::path& model, std::string_view name) {
+  std::filesystem::path path = model;
+  if (name != model.filename().string()) {
+    std::error_code error;
+    const std::filesystem::path folder =
+        std::filesystem::canonical(model.has_parent_path() ? model.parent_path() : std::filesystem::path{"."}, error);
+    if (!error) path = std::filesystem::canonical(folder / name, error);
+    if (error || std::mismatch(folder.begin(), folder.end(), path.begin(), path.end()).first != folder.end()) return -1;
+  }
+  const int file = open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+  struct stat status {};
+  if (file < 0 || (fstat(file, &status) == 0 && S_ISREG(status.st_mode))) return file;
+  close(file);
+  return -1;
+}
+
+TriangleMesh import_mesh(const std::filesystem::path& path, LossPolicy losses, FileNames* requested) {
   check_readable(path);
   try {
-    return ImportProcess{path, losses}.mesh();
+    return ImportProcess{path, losses, requested}.mesh();
   } catch (const std::bad_alloc&) {
     fail(path, "the mesh needs more memory than this program can get");
   }

@@ -2,11 +2,17 @@
 #pragma once
 
 #include <filesystem>
+#include <set>
+#include <string>
+#include <string_view>
 
 #include "spm/offline/clean.hpp"
 #include "spm/offline/triangle_mesh.hpp"
 
 namespace tactus::spm::offline {
+
+/// Names of files, as paths from the folder of the model.
+using FileNames = std::set<std::string>;
 
 /// Reads OBJ, PLY, STL, glTF, GLB and the other formats of assimp. Reads every mesh of the scene with the transforms of
 /// the nodes above it, and cuts polygons into triangles. If these transforms are the identity, positions are exactly
@@ -21,6 +27,14 @@ namespace tactus::spm::offline {
 /// (docs/reference/units-and-limits.md). The number of vertices or faces in an OBJ, OFF, PLY or STL file is known before
 /// the import. If the import yields less than half of a known number, throws unless `losses` is kAllow. Throws if
 /// tactus-import is neither installed nor near the calling program; the variable TACTUS_IMPORT can name it.
-[[nodiscard]] TriangleMesh import_mesh(const std::filesystem::path& path, LossPolicy losses = LossPolicy::kRefuse);
+///
+/// `requested`: if not null, receives the names of all files that the reader has requested besides the model, including
+/// those that it did not get. The same model and the same content of these files give the same mesh.
+[[nodiscard]] TriangleMesh import_mesh(const std::filesystem::path& path, LossPolicy losses = LossPolicy::kRefuse,
+                                       FileNames* requested = nullptr);
+
+/// Opens `model`, if `name` is its file name, or another regular file in its folder or below, for reading. Returns a
+/// descriptor, or -1 if there is no such file. Never waits.
+[[nodiscard]] int open_requested(const std::filesystem::path& model, std::string_view name);
 
 }  // namespace tactus::spm::offline

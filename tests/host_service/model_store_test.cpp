@@ -32,6 +32,23 @@ class ModelStoreTest : public testing::Test {
     return std::filesystem::directory_iterator { cache_ } -> path();
   }
 
+  /// Writes a glTF file with one triangle. `buffer`: the uri of its buffer, and the blanks before it.
+  void write_gltf(const std::string& name, const std::string& buffer, const std::string& images = "") const {
+    test_support::write_bytes(folder_.path() / name,
+                              R"({"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
+    "nodes": [{"mesh": 0}], "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+    "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3",
+                   "min": [0, 0, 0], "max": [1, 1, 0]}],
+    "bufferViews": [{"buffer": 0, "byteLength": 36}], "images": [)" +
+                                  images + R"(], "buffers": [{"byteLength": 36, "uri")" + buffer + "}]}");
+  }
+  /// Writes three positions of three floats.
+  void write_buffer(const std::string& name, float corner) const {
+    const float positions[9] = {0, 0, 0, corner, 0, 0, 0, 1, 0};
+    test_support::write_bytes(folder_.path() / name,
+                              std::string(reinterpret_cast<const char*>(positions), sizeof positions));
+  }
+
   test_support::TemporaryFolder folder_;
   std::filesystem::path mesh_ = folder_.path() / "sphere.ply";
   std::filesystem::path cache_ = folder_.path() / "cache" / "models";
@@ -68,24 +85,57 @@ TEST_F(ModelStoreTest, RebuildsADamagedCacheEntry) {
   EXPECT_THAT(log_text_, HasSubstr("is invalid and will be built again"));
 }
 
-TEST_F(ModelStoreTest, TheHashCoversTheBuffersOfAGltfFile) {
-  const std::filesystem::path gltf = folder_.path() / "triangle.gltf";
-  // One triangle: three positions of three floats.
-  test_support::write_bytes(gltf, R"({"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
-    "nodes": [{"mesh": 0}], "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
-    "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3",
-                   "min": [0, 0, 0], "max": [1, 1, 0]}],
-    "bufferViews": [{"buffer": 0, "byteLength": 36}], "buffers": [{"uri": "triangle.bin", "byteLength": 36}]})");
-  const auto write = [&](float corner) {
-    const float positions[9] = {0, 0, 0, corner, 0, 0, 0, 1, 0};
-    test_support::write_bytes(folder_.path() / "triangle.bin",
-                              std::string(reinterpret_cast<const char*>(positions), sizeof positions));
+TEST_F(ModelStoreTest, TheHashCoversTheFilesThatTheReaderRequests) {
+  std::filesystem::create_directory(folder_.path() / "parts");
+  struct Case {
+    const char *model, *uri;
   };
-  write(1);
-  const std::uint64_t digest = open(gltf);
-  write(0.5F);
+  for (const auto& [model, uri] :
+       {Case{"triangle.gltf", "triangle.bin"}, Case{"triangle.GLTF", "triangle.bin"},
+        Case{"blank.gltf", "a%20triangle.bin"}, Case{"slash.gltf", "parts\\/triangle.bin"}}) {
+    write_gltf(model, R"(: ")" + std::string{uri} + "\"");
+    const auto write_buffers = [&](float corner) {
+      for (const char* name : {"triangle.bin", "a triangle.bin", "a%20triangle.bin", "parts/triangle.bin"})
+        write_buffer(name, corner);
+    };
+    write_buffers(1);
+    const std::uint64_t digest = open(folder_.path() / model);
+    EXPECT_EQ(open(folder_.path() / model), digest);
+    EXPECT_THAT(log_text_, HasSubstr("from the cache")) << uri;
+    write_buffers(0.5F);
+    EXPECT_NE(open(folder_.path() / model), digest) << model << ", " << uri;
+    write_buffers(1);
+    EXPECT_EQ(open(folder_.path() / model), digest);
+    EXPECT_THAT(log_text_, HasSubstr("from the cache")) << uri;
+  }
+}
 
-  EXPECT_NE(open(gltf), digest);
+TEST_F(ModelStoreTest, OpensAModelWithMegabytesOfBlanks) {
+  write_buffer("triangle.bin", 1);
+  write_gltf("triangle.gltf", std::string(4u << 20, ' ') + R"(: "triangle.bin")");
+  EXPECT_NO_THROW(open(folder_.path() / "triangle.gltf"));
+}
+
+TEST_F(ModelStoreTest, TheHashDoesNotReadFilesThatTheReaderDoesNotGet) {
+  const std::filesystem::path model = folder_.path() / "models" / "triangle.gltf";
+  std::filesystem::create_directory(model.parent_path());
+  write_buffer("models/triangle.bin", 1);
+  write_gltf("models/triangle.gltf", R"(: "triangle.bin")", R"({"uri": "../secret"}, {"uri": "/proc/self/pagemap"})");
+  test_support::write_bytes(folder_.path() / "secret", "one");
+  open(model);
+  test_support::write_bytes(folder_.path() / "secret", "two");
+
+  open(model);
+
+  EXPECT_THAT(log_text_, HasSubstr("from the cache"));
+}
+
+TEST_F(ModelStoreTest, AModelThatNamesItselfManyTimesIsReadOnce) {
+  std::string images = R"({"uri": "triangle.gltf"})";
+  for (int i = 1; i < 100'000; ++i) images += R"(, {"uri": "triangle.gltf"})";
+  write_buffer("triangle.bin", 1);
+  write_gltf("triangle.gltf", R"(: "triangle.bin")", images);
+  EXPECT_NO_THROW(open(folder_.path() / "triangle.gltf"));
 }
 
 TEST_F(ModelStoreTest, StopsAtEveryStageWithoutAnIncompleteFile) {
