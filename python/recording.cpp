@@ -45,14 +45,14 @@ class SampleReader {
     copy(sizeof value, 1, path, reinterpret_cast<std::uint8_t*>(&value));
     return value;
   }
-  /// Reads the number of elements of a sequence. Each element has at least one byte.
-  [[nodiscard]] std::uint32_t count(const std::string& path) {
+  /// Reads the number of elements of a sequence. `min_bytes`: smallest size of an element, at least 1.
+  [[nodiscard]] std::uint32_t count(std::size_t min_bytes, const std::string& path) {
     const std::uint32_t elements = number(path);
-    if (elements > bytes_.size() - at_) fail(path);
+    if (elements > (bytes_.size() - at_) / min_bytes) fail(path);
     return elements;
   }
   [[nodiscard]] std::string text(const std::string& path) {
-    const std::uint32_t size = count(path);  // with its terminating zero
+    const std::uint32_t size = count(1, path);  // with its terminating zero
     if (size == 0) fail(path);
     const std::string value(reinterpret_cast<const char*>(bytes_.data() + at_), size - 1);
     at_ += size;
@@ -77,6 +77,7 @@ class Layout {
     const Placed placed = add(type, head, "");
     type_ = placed.type;
     bytes_ = head + placed.size;
+    for (const Step& step : steps_) min_encoded_bytes_ += step.size * step.count;
     for (const auto& [name, field] : placed.fields) fields_.push_back({name, field});
   }
 
@@ -116,7 +117,7 @@ class Layout {
     IdlType::Kind kind;
     std::size_t offset;
     std::string path;
-    std::size_t size = 0, count = 1;             // of numbers
+    std::size_t size = 4, count = 1;             // of numbers; otherwise of the number at the begin of the field
     std::vector<py::str> names = {};             // of the enumerators
     std::shared_ptr<const Layout> element = {};  // of a sequence
   };
@@ -126,10 +127,8 @@ class Layout {
     std::vector<std::pair<std::string, std::pair<py::object, std::size_t>>> fields = {};  // of a struct
   };
   static constexpr std::size_t kObjectBytes = sizeof(void*);  // of a reference to a Python object
-  static constexpr std::size_t kMaxSteps = 1u << 16;          // a hostile text may have a large array of structs
 
   Placed add(const IdlType& type, std::size_t offset, const std::string& path) {
-    if (steps_.size() > kMaxSteps) throw SchemaError("IDL: found a struct with too many fields");
     switch (type.kind) {
       case IdlType::Kind::kNumber: {
         const auto [format, size] = kNumbers[static_cast<std::size_t>(type.number)];
@@ -196,12 +195,12 @@ class Layout {
   }
 
   [[nodiscard]] static py::object sequence(const Layout& element, const std::string& path, SampleReader& sample) {
-    const std::uint32_t count = sample.count(path);
+    const std::uint32_t count = sample.count(element.min_encoded_bytes_, path);
     py::array values = empty_array(count, element.type());
     auto* const first = static_cast<std::uint8_t*>(values.mutable_data());
-    const bool is_number = element.steps_.size() == 1 && element.steps_.front().kind == IdlType::Kind::kNumber;
-    if (is_number && count > 0) {  // all at once, because a sequence of octets may have a megabyte
-      sample.copy(element.bytes(), count, path, first);
+    const Step& step = element.steps_.front();
+    if (element.steps_.size() == 1 && step.kind == IdlType::Kind::kNumber && count > 0) {
+      sample.copy(step.size, count * step.count, path, first);  // all at once, because there may be a megabyte
       return values;
     }
     for (std::uint32_t i = 0; i < count; ++i) element.decode(sample, first + i * element.bytes());
@@ -229,7 +228,8 @@ class Layout {
   py::object type_;
   std::vector<Member> fields_;  // of a struct
   std::size_t bytes_ = 0;
-  std::vector<Step> steps_;
+  std::size_t min_encoded_bytes_ = 0;  // of a sample
+  std::vector<Step> steps_;            // at least one
   bool has_objects_ = false;
 };
 

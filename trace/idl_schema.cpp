@@ -53,16 +53,17 @@ class IdlSchema::Parser {
   using TypePtr = std::shared_ptr<const IdlType>;
 
   explicit Parser(const std::string& text) : tokens_{tokenize(text)} {
-    while (at_ < tokens_.size()) parse_definition("");
+    while (at_ < tokens_.size()) parse_definition("", 1);
   }
   [[nodiscard]] std::map<std::string, TypePtr> structs() && { return std::move(structs_); }
 
  private:
   [[noreturn]] void fail(const std::string& expected) const {
-    const bool end = at_ >= tokens_.size();
-    const int line = end ? (tokens_.empty() ? 1 : tokens_.back().line) : tokens_[at_].line;
-    throw SchemaError("IDL, line " + std::to_string(line) + ": found " +
-                      (end ? "the end" : "'" + tokens_[at_].text + "'") + ", expected " + expected);
+    fail(at_ >= tokens_.size() ? "the end" : "'" + tokens_[at_].text.substr(0, kMaxNameBytes) + "'", expected);
+  }
+  [[noreturn]] void fail(const std::string& found, const std::string& expected) const {
+    const int line = tokens_.empty() ? 1 : tokens_[std::min(at_, tokens_.size() - 1)].line;
+    throw SchemaError("IDL, line " + std::to_string(line) + ": found " + found + ", expected " + expected);
   }
   [[nodiscard]] bool is_next(const char* text) const { return at_ < tokens_.size() && tokens_[at_].text == text; }
   bool accept(const char* text) {
@@ -78,6 +79,9 @@ class IdlSchema::Parser {
     if (at_ >= tokens_.size() ||
         (std::isalpha(static_cast<unsigned char>(tokens_[at_].text[0])) == 0 && tokens_[at_].text[0] != '_'))
       fail("a name");
+    if (tokens_[at_].text.size() > kMaxNameBytes)
+      fail("a name of " + std::to_string(tokens_[at_].text.size()) + " bytes",
+           "at most " + std::to_string(kMaxNameBytes));
     return tokens_[at_++].text;
   }
   /// Reads a number or the name of a constant.
@@ -104,20 +108,22 @@ class IdlSchema::Parser {
     }
   }
 
-  void parse_definition(const std::string& scope) {
+  /// `depth`: number of nested modules, with the definition itself.
+  void parse_definition(const std::string& scope, std::size_t depth) {
     skip_annotations();
+    if (depth > kMaxDepth) fail("at most " + std::to_string(kMaxDepth - 1) + " nested modules");
     if (accept("module")) {
       const std::string inner = scope + parse_name() + "::";
       expect("{");
-      while (!is_next("}")) parse_definition(inner);
+      while (!is_next("}")) parse_definition(inner, depth + 1);
       expect("}");
     } else if (accept("const")) {
-      (void)parse_type();
+      (void)parse_type(1);
       const std::string name = parse_name();
       expect("=");
       constants_[name] = parse_number();
     } else if (accept("typedef")) {
-      const TypePtr of = parse_type();
+      const TypePtr of = parse_type(1);
       const std::string name = parse_name();
       named_[name] = parse_array_of(of);
     } else if (accept("enum")) {
@@ -128,21 +134,25 @@ class IdlSchema::Parser {
       do made.names.push_back(parse_name());
       while (accept(","));
       expect("}");
-      named_[name] = std::make_shared<const IdlType>(std::move(made));
+      made.values = made.names.size();
+      named_[name] = checked(std::move(made));
     } else if (accept("struct")) {
       IdlType made;
       made.kind = IdlType::Kind::kStruct;
       const std::string name = parse_name();
       expect("{");
-      while (!is_next("}")) {
+      made.values = 0;
+      do {
         skip_annotations();
-        const TypePtr of = parse_type();
+        const TypePtr of = parse_type(1);
         const std::string member = parse_name();
         made.members.push_back({member, parse_array_of(of)});
+        made.depth = std::max(made.depth, 1 + made.members.back().type->depth);
+        made.values += made.members.back().type->values;
         expect(";");
-      }
+      } while (!is_next("}"));
       expect("}");
-      named_[name] = structs_[scope + name] = std::make_shared<const IdlType>(std::move(made));
+      named_[name] = structs_[scope + name] = checked(std::move(made));
     } else {
       fail("module, const, typedef, enum or struct");
     }
@@ -154,16 +164,29 @@ class IdlSchema::Parser {
     std::vector<std::size_t> counts;
     while (accept("[")) {
       counts.push_back(parse_number());
+      if (counts.back() == 0) fail("an array of 0 elements", "at least 1");
       expect("]");
     }
     for (auto count = counts.rbegin(); count != counts.rend(); ++count) {
       IdlType made;
       made.kind = IdlType::Kind::kArray;
       made.count = *count;
+      made.depth = 1 + of->depth;
+      // `kMaxValues` + 1 stands for all larger numbers, which could overflow.
+      made.values = made.count > kMaxValues ? kMaxValues + 1 : made.count * of->values;
       made.of = std::move(of);
-      of = std::make_shared<const IdlType>(std::move(made));
+      of = checked(std::move(made));
     }
     return of;
+  }
+
+  /// Throws if a type exceeds a limit.
+  [[nodiscard]] TypePtr checked(IdlType made) const {
+    if (made.depth > kMaxDepth)
+      fail(std::to_string(made.depth) + " nested types", "at most " + std::to_string(kMaxDepth));
+    if (made.values > kMaxValues)
+      fail("a type of too many values", "at most " + std::to_string(kMaxValues) + " with their enumerators");
+    return std::make_shared<const IdlType>(std::move(made));
   }
 
   static TypePtr number(IdlType::Number which) {
@@ -172,9 +195,10 @@ class IdlSchema::Parser {
     return std::make_shared<const IdlType>(std::move(made));
   }
 
-  /// Reads a type without array bounds.
-  TypePtr parse_type() {
+  /// Reads a type without array bounds. `depth`: number of the sequences around it in the text, and itself.
+  TypePtr parse_type(std::size_t depth) {
     using Number = IdlType::Number;
+    if (depth > kMaxDepth) fail("at most " + std::to_string(kMaxDepth) + " nested types");
     if (accept("boolean")) return number(Number::kBoolean);
     if (accept("octet")) return number(Number::kU8);
     if (accept("float")) return number(Number::kFloat);
@@ -197,10 +221,12 @@ class IdlSchema::Parser {
     if (accept("sequence")) {
       made.kind = IdlType::Kind::kSequence;
       expect("<");
-      made.of = parse_type();
+      made.of = parse_type(depth + 1);
       if (accept(",")) (void)parse_number();
       expect(">");
-      return std::make_shared<const IdlType>(std::move(made));
+      made.depth = 1 + made.of->depth;
+      made.values = 1 + made.of->values;
+      return checked(std::move(made));
     }
     const auto known = at_ < tokens_.size() ? named_.find(tokens_[at_].text) : named_.end();
     if (known == named_.end()) fail("a type");
@@ -251,6 +277,9 @@ class IdlSchema::Decoder {
 
   /// Appends a field as JSON.
   void json(const IdlType& type, const std::string& path, std::string& out) {
+    if (out.size() > kMaxJsonBytes)
+      throw SchemaError("sample, field " + path.substr(path.empty() ? 0 : 1) + ": found more than " +
+                        std::to_string(kMaxJsonBytes) + " bytes of JSON, expected fewer");
     const auto list = [&](std::size_t count, char open, char close, const auto& each) {
       out += open;
       for (std::size_t i = 0; i < count; ++i) {

@@ -38,11 +38,20 @@ struct IdlType {
   std::shared_ptr<const IdlType> of;  ///< type of the elements of an array or sequence
   std::vector<std::string> names;     ///< names of the enumerators
   std::vector<Member> members;        ///< of a struct
+  std::size_t depth = 1;              ///< number of nested types with this one, at most IdlSchema::kMaxDepth
+  std::size_t values = 1;  ///< numbers, strings, sequences and enumerators in it, at most IdlSchema::kMaxValues
 };
 
 class IdlSchema {
  public:
-  /// Parses IDL text. Throws SchemaError that names line, text found and text expected.
+  // The text may be that of a hostile recording.
+  static constexpr std::size_t kMaxDepth = 32;            ///< of nested types, and of nested modules
+  static constexpr std::size_t kMaxValues = 65'536;       ///< of a type, with those of the elements of its sequences
+  static constexpr std::size_t kMaxNameBytes = 255;       ///< of a name
+  static constexpr std::size_t kMaxJsonBytes = 1u << 28;  ///< of a sample or sequence as JSON
+
+  /// Parses IDL text. Each struct has a member, and each array an element, so that a sample bounds the number of its
+  /// values. Throws SchemaError that names line, text found and text expected.
   explicit IdlSchema(const std::string& text);
 
   /// Returns a struct by its full name, for example "tactus::idl::ProbeState". Throws SchemaError if it is unknown.

@@ -8,6 +8,7 @@
 
 #include "tests/e2e/session_test.hpp"
 #include "tests/trace/read_mcap.hpp"
+#include "trace/mcap.hpp"
 
 namespace tactus::e2e {
 namespace {
@@ -161,6 +162,17 @@ TEST_F(RecordTest, ARecordingWithoutTheSceneHasOnlyTheTopicsOfTheSession) {
   const json all = decoded("", "plain.mcap");
   EXPECT_TRUE(all.contains("tactus_catalogue"));
   for (const auto& [topic, content] : all.items()) EXPECT_THAT(topic, testing::StartsWith("tactus_"));
+}
+
+TEST_F(RecordTest, ATopicWithoutANameHasATable) {
+  {
+    trace::McapWriter writer{path("unnamed.mcap"), "test"};
+    const auto channel = writer.add_channel(writer.add_schema("B", "omgidl", "struct B { long c; };"), "", "cdr");
+    writer.write(channel, 5, 5, 1, std::array<std::uint8_t, 8>{0, 1, 0, 0, 7, 0, 0, 0});
+  }
+  Process exporter{in_session("record", {path("unnamed.mcap"), "--to-csv", path("tables")})};
+  EXPECT_TRUE(exits_with(0, exporter)) << exporter.output();
+  EXPECT_EQ(test_support::read_bytes(path("tables/unnamed.csv")), "log_time_ns,sequence,c\n5,1,7\n");
 }
 
 TEST_F(RecordTest, AFileThatCannotBeWrittenIsWrongInput) {

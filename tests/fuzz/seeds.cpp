@@ -135,6 +135,18 @@ void add_recordings(Seeds& seeds) {
   flight.close();
 }
 
+void add_schemas(Seeds& seeds, const fs::path& sources) {
+  const std::string sample("\0\1\0\0\7\0\0\0\1\0\0\0\2\0\0\0x\0\0\0\1\0\0\0", 24);
+  seeds.add("idl",
+            "a::S\nmodule a { const long kTwo = 2; enum E { kOne, kOther }; typedef short Pair[kTwo]; @final struct S {"
+            " Pair p; sequence<E, 4> e; string<4> t; @key unsigned long n; }; };" +
+                std::string(1, '\0') + sample);
+  const std::string flight = test_support::read_bytes(sources / "idl/flight.idl");
+  for (const char* type : {"Start", "State", "Touch"})
+    seeds.add("idl", "tactus::flight::" + std::string{type} + "\n" + flight + std::string(1, '\0') + sample +
+                         std::string(500, '\0'));
+}
+
 /// Writes with a cycle after each, at places that are spread over the whole memory.
 void add_writes(Seeds& seeds) {
   for (std::uint32_t seed = 0; seed < 8; ++seed) {
@@ -180,6 +192,7 @@ int main(int argc, char** argv) try {
   add_keys(seeds);
   add_writes(seeds);
   add_recordings(seeds);
+  add_schemas(seeds, argv[2]);
   add_texts(seeds, argv[2]);
   return 0;
 } catch (const std::exception& error) {

@@ -81,6 +81,23 @@ class RecordingTest(FolderTest):
         found = recording["tactus_records"]["payload"][0]
         self.assertEqual((found.dtype, found.tobytes()), (np.uint8, payload))
 
+    def test_a_sequence_of_arrays_has_the_alignment_of_their_numbers(self):
+        idl = "typedef double Point[3]; struct Path { unsigned long id; sequence<Point> points; };"
+        sample = Cdr().add("II", 7, 2).add("dddddd", *range(1, 7)).sample()
+        recording = self.recording({1: ("path", "Path", "omgidl", idl)}, [(1, 1, 5, sample)])
+        self.assertEqual(recording["path"]["points"][0].tolist(), [[1, 2, 3], [4, 5, 6]])
+
+    def test_a_hostile_schema_or_sample_is_refused(self):
+        for idl in ("typedef octet Z[0]; struct S { sequence<Z> z; };",
+                    "struct E { }; struct S { E e[18446744073709551615]; };",
+                    "struct S { octet x[4000000000]; };"):
+            with self.assertRaisesRegex(tactus.SchemaError, "IDL, line 1: found"):
+                self.recording({1: ("t", "S", "omgidl", idl)}, [(1, 1, 5, Cdr().add("I", 1).sample())])["t"]
+        with self.assertRaisesRegex(tactus.SchemaError, "sample ends inside field z"):  # before it is allocated
+            idl = "struct E { double e[65535]; }; struct S { sequence<E> z; };"
+            sample = Cdr().add("I", 1_000_000).sample() + bytes(1_000_000)
+            self.recording({1: ("t", "S", "omgidl", idl)}, [(1, 1, 5, sample)])["t"]
+
     def test_the_second_channel_of_a_topic_has_the_suffix_2(self):
         channel = ("tactus_probe_state", "tactus::idl::ProbeState", "omgidl", IDL)
         recording = self.recording({1: channel, 2: channel},

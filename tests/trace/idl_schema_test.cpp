@@ -110,15 +110,64 @@ TEST(IdlSchema, RefusesImpossibleCountsBeforeAllocating) {
   EXPECT_THROW((void)IdlSchema{kText}.values("a::b::Outer", cdr.bytes()), SchemaError);
 }
 
+/// Returns the error of a text; empty if the text is valid.
+std::string refusal(const std::string& text) {
+  try {
+    const IdlSchema schema{text};
+  } catch (const SchemaError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+std::string repeated(const std::string& text, int count) {
+  std::string all;
+  for (int i = 0; i < count; ++i) all += text;
+  return all;
+}
+
+/// Structs S0 to S39, each with `members` of the one before.
+std::string nested_structs(int members) {
+  std::string text = "struct S0 { octet m0; };\n";
+  for (int i = 1; i < 40; ++i) {
+    text += "struct S" + std::to_string(i) + " {";
+    for (int m = 0; m < members; ++m) text += " S" + std::to_string(i - 1) + " m" + std::to_string(m) + ";";
+    text += " };\n";
+  }
+  return text;
+}
+
+TEST(IdlSchema, LimitsTheDepthOfModulesAndTypes) {
+  EXPECT_EQ(refusal(repeated("module a { ", 31) + "struct S { octet x; };" + repeated(" };", 31)), "");
+  EXPECT_EQ(refusal(repeated("module a{", 100'000)), "IDL, line 1: found 'module', expected at most 31 nested modules");
+  EXPECT_EQ(refusal("struct S { " + repeated("sequence<", 100'000)),
+            "IDL, line 1: found 'sequence', expected at most 32 nested types");
+  EXPECT_EQ(refusal(nested_structs(1)), "IDL, line 32: found 33 nested types, expected at most 32");
+  EXPECT_EQ(refusal("struct S { octet x" + repeated("[1]", 40) + "; };"),
+            "IDL, line 1: found 33 nested types, expected at most 32");
+}
+
+TEST(IdlSchema, LimitsTheValuesOfAType) {
+  const std::string error =
+      "IDL, line 1: found a type of too many values, expected at most 65536 with their enumerators";
+  EXPECT_EQ(IdlSchema{"struct S { octet x[256][256]; };"}.columns("S").size(), 65'536u);
+  EXPECT_EQ(refusal("struct S { octet x[256][257]; };"), error);
+  EXPECT_EQ(refusal("struct S { octet x[4000000000]; };"), error);
+  EXPECT_EQ(refusal("struct S { octet x[65536]; octet y; };"), error);
+  EXPECT_EQ(refusal("typedef octet A[40000]; struct S { sequence<A> x; sequence<A> y; };"), error);
+  EXPECT_THAT(refusal(nested_structs(2)), testing::EndsWith("expected at most 65536 with their enumerators"));
+  EXPECT_EQ(refusal("struct S { octet " + repeated("x", 300) + "; };"),
+            "IDL, line 1: found a name of 300 bytes, expected at most 255");
+}
+
+TEST(IdlSchema, RefusesTypesWithoutValues) {
+  EXPECT_EQ(refusal("struct S { };"), "IDL, line 1: found '}', expected a type");
+  EXPECT_EQ(refusal("struct S { octet x[2][0]; };"), "IDL, line 1: found an array of 0 elements, expected at least 1");
+  EXPECT_EQ(refusal("typedef octet Z[0]; struct S { sequence<Z> z; };"),
+            "IDL, line 1: found an array of 0 elements, expected at least 1");
+}
+
 TEST(IdlSchema, RefusesInvalidTextWithTheNumberOfTheLine) {
-  const auto refusal = [](const std::string& text) -> std::string {
-    try {
-      const IdlSchema schema{text};
-    } catch (const SchemaError& error) {
-      return error.what();
-    }
-    return "";
-  };
   EXPECT_EQ(refusal("module a {\nstruct B {\n  what x;\n};\n};\n"), "IDL, line 3: found 'what', expected a type");
   EXPECT_EQ(refusal("module a {"), "IDL, line 1: found the end, expected module, const, typedef, enum or struct");
   EXPECT_EQ(refusal("struct A { double x[k]; };"), "IDL, line 1: found 'k', expected a number");

@@ -246,7 +246,8 @@ int record(const wire::SessionAddress& address, const std::string& file, const R
 
 /// Returns the topic as the name of a file: /scene/objects becomes scene_objects.
 std::string file_name(const std::string& topic) {
-  std::string name = topic.substr(topic.front() == '/' ? 1 : 0);
+  std::string name = topic.substr(topic.starts_with('/') ? 1 : 0);
+  if (name.empty()) return "unnamed";
   std::replace(name.begin(), name.end(), '/', '_');
   return name;
 }
