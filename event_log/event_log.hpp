@@ -1,4 +1,4 @@
-/// Writes the log of a host or an HRTC to the standard error output, limited by LimitedSink.
+/// Writes the log of a program to the standard error output, limited by LimitedSink.
 #pragma once
 
 #include <string>

@@ -3,6 +3,7 @@
 #include <iostream>
 #include <string>
 
+#include "event_log/event_log.hpp"
 #include "realtime/process.hpp"
 #include "ros2/bridge.hpp"
 #include "wire/address/command_line.hpp"
@@ -62,7 +63,9 @@ int main(int argc, char** argv) {
       return 2;
     }
     options.takes_targets = !is_read_only;
-    options.log = [](const std::string& text) { std::cerr << "tactus-ros2: " << text << '\n'; };
+    event_log::begin("tactus-ros2");
+    wire::set_log_sink(event_log::write);
+    options.log = [](const std::string& text) { event_log::write(session::Severity::kInfo, text); };
     const std::string text =
         "session " + options.address.session + " is published in ROS domain " + std::to_string(options.domain);
     ros2::Bridge bridge{std::move(options)};

@@ -8,6 +8,7 @@
 #include <string>
 #include <thread>
 
+#include "event_log/event_log.hpp"
 #include "realtime/process.hpp"
 #include "spm/offline/generate.hpp"
 #include "spm/offline/import.hpp"
@@ -132,7 +133,9 @@ int main(int argc, char** argv) {
     }
     if (!tool.empty()) options.server.tool = tool_json(tool);
     options.server.is_plain = options.address.plain;
-    options.log = [](const std::string& text) { std::cerr << "tactus-view: " << text << '\n'; };
+    event_log::begin("tactus-view");
+    wire::set_log_sink(event_log::write);
+    options.log = [](const std::string& text) { event_log::write(session::Severity::kInfo, text); };
     if (!viewer::is_loopback(options.server.address)) {
       const viewer::Tokens tokens = token_file.empty() ? viewer::make_tokens() : viewer::kept_tokens(token_file);
       options.server.control_token = tokens.control;

@@ -38,9 +38,9 @@ struct Viewer::Impl {
     };
     users.on_refused = [this](PageId page, const std::string& reason) {
       server.notify(page, reason);
-      core.add_event("page " + server.name_of(page) + " has no probe: " + reason, monotonic_ns());
+      core.add_page_event("page " + server.name_of(page) + " has no probe: " + reason, monotonic_ns());
     };
-    server.on_event = [this](const std::string& text) { core.add_event(text, monotonic_ns()); };
+    server.on_event = [this](const std::string& text) { core.add_page_event(text, monotonic_ns()); };
   }
 
   static void process(PageId, const TokenRequest&) {}

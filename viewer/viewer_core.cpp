@@ -74,10 +74,25 @@ void ViewerCore::forget_object(std::uint64_t object) {
   ++scene_number_;
 }
 
-void ViewerCore::add_event(const std::string& text, std::int64_t now_ns) {
-  events_.push_back({now_ns, text});
+void ViewerCore::add_event(const std::string& text, std::int64_t now_ns) { add({now_ns, text, false}); }
+
+void ViewerCore::add_page_event(const std::string& text, std::int64_t now_ns) {
+  constexpr std::int64_t kSecondNs = 1'000'000'000;
+  if (now_ns - page_events_began_ns_ >= kSecondNs) {
+    page_events_began_ns_ = now_ns;
+    page_events_ = 0;
+  }
+  if (++page_events_ > kMaxPageEventsPerSecond) return;
+  add({now_ns, text, true});
+}
+
+void ViewerCore::add(Event event) {
+  const auto is_of_page = [](const Event& each) { return each.is_of_page; };
+  if (on_event) on_event(event.text);
+  events_.push_back(std::move(event));
+  const auto of_pages = static_cast<std::size_t>(std::count_if(events_.begin(), events_.end(), is_of_page));
+  if (of_pages > kMaxPageEvents) events_.erase(std::find_if(events_.begin(), events_.end(), is_of_page));
   if (events_.size() > kMaxEvents) events_.pop_front();
-  if (on_event) on_event(text);
   ++scene_number_;
 }
 
@@ -257,7 +272,7 @@ void ViewerCore::stop_forces(const std::string& reason, std::int64_t now_ns) {
   stop_requested_ns_ = now_ns;
   stop_repeat_.make_due();
   (void)stops_.on_stop(own_stop_->name());
-  add_event("emergency stop, sent by this viewer: " + reason, now_ns);
+  add({now_ns, "emergency stop, sent by this viewer: " + reason, true});
 }
 
 void ViewerCore::update_stop_progress() {

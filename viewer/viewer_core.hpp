@@ -107,6 +107,7 @@ struct StopProgress {
 struct Event {
   std::int64_t at_ns = 0;
   std::string text;
+  bool is_of_page = false;  ///< a page has caused it
 };
 
 class ViewerCore {
@@ -117,6 +118,9 @@ class ViewerCore {
   static constexpr std::size_t kMaxMarkedRegions = 4096;
   /// Number of events that are kept for new pages.
   static constexpr std::size_t kMaxEvents = 100;
+  /// Number of these events that pages may have caused. A page that floods cannot replace the other events.
+  static constexpr std::size_t kMaxPageEvents = 50;
+  static constexpr std::uint32_t kMaxPageEventsPerSecond = 10;  ///< further ones are left out
 
   ViewerCore(const session::Origin& self, const ViewerSettings& settings, std::int64_t now_ns);
   ~ViewerCore();
@@ -151,6 +155,8 @@ class ViewerCore {
   /// Stops all forces of the session. The stop is repeated until all hosts and HRTCs have acknowledged it.
   void stop_forces(const std::string& reason, std::int64_t now_ns);
   void add_event(const std::string& text, std::int64_t now_ns);
+  /// Adds an event that a page has caused, within the limits of such events.
+  void add_page_event(const std::string& text, std::int64_t now_ns);
 
   /// While no page can receive a frame, `tick` reads no shown faces and marks no regions. True at the start.
   void set_watched(bool is_watched) { is_watched_ = is_watched; }
@@ -194,6 +200,7 @@ class ViewerCore {
   }
 
  private:
+  void add(Event event);
   using Entries = std::map<std::uint32_t, std::uint32_t>;  // by region: number of list entries to apply
 
   /// An object in the pool. The intake owns it until its departure.
@@ -259,6 +266,8 @@ class ViewerCore {
   std::map<std::uint64_t, Loss> losses_;  // by HRTC that reports them
   std::string shown_hrtc_;
   std::deque<Event> events_;
+  std::int64_t page_events_began_ns_ = 0;  // begin of the second in which events of pages are counted
+  std::uint32_t page_events_ = 0;          // in this second
   std::uint32_t scene_number_ = 1, metrics_number_ = 0;
   StopProgress stop_progress_;
   std::optional<session::EmergencyStop> own_stop_;  // not acknowledged by all

@@ -246,6 +246,20 @@ TEST_F(ViewerCoreTest, ARepeatedStopIsOneEvent) {
             2);
 }
 
+TEST_F(ViewerCoreTest, APageThatFloodsMakesFewLinesAndReplacesNoOtherEvents) {
+  int lines = 0;
+  viewer_.on_event = [&](const std::string&) { ++lines; };
+  viewer_.add_event("HRTC 'desk' joined", now_ns_);
+  for (int touch = 0; touch < 10'000; ++touch)
+    viewer_.add_page_event("page x has no probe: this page has a probe already", now_ns_ + touch * kMs);
+  EXPECT_LE(lines, 201);
+  EXPECT_GT(lines, 50);
+  EXPECT_EQ(viewer_.events().front().text, "HRTC 'desk' joined");
+  EXPECT_EQ(viewer_.events().size(), 1 + ViewerCore::kMaxPageEvents);
+  for (int stop = 0; stop < 1000; ++stop) viewer_.stop_forces("flood", now_ns_);
+  EXPECT_EQ(viewer_.events().front().text, "HRTC 'desk' joined");
+}
+
 TEST_F(ViewerCoreTest, NoMeshFrameNamesAnObjectThatThePageDoesNotKnow) {
   PageFeed feed{viewer_};
   std::set<std::uint32_t> known;
