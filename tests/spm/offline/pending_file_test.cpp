@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
@@ -62,6 +63,49 @@ TEST_F(PendingFileTest, LeavesNoFileWithoutACommit) {
     EXPECT_EQ(file.written(), 3u);
   }
   EXPECT_THAT(names(), IsEmpty());
+}
+
+TEST_F(PendingFileTest, RefusesWhatIsNoRegularFileAndLeavesIt) {
+  const std::filesystem::path pipe = folder_.path() / "pipe", link = folder_.path() / "link";
+  ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
+  std::filesystem::create_symlink("pipe", link);
+  for (const std::filesystem::path& path : {pipe, link, folder_.path()})
+    EXPECT_THAT([&] { const PendingFile file{path}; },
+                testing::ThrowsMessage<ModelError>(HasSubstr(path.string() + ": cannot be written: found no regular")));
+  EXPECT_TRUE(std::filesystem::is_fifo(pipe));
+}
+
+TEST_F(PendingFileTest, WritesTheFileToWhichALinkLeads) {
+  const std::filesystem::path link = folder_.path() / "current";
+  std::filesystem::create_directory(folder_.path() / "versions");
+  std::filesystem::create_symlink("versions/v3", link);
+  for (const std::string text : {"new", "next"}) {  // without the file of the link, and with it
+    PendingFile file{link};
+    file.write(text.data(), text.size());
+    file.commit();
+    EXPECT_TRUE(std::filesystem::is_symlink(link));
+    EXPECT_EQ(read_bytes(folder_.path() / "versions/v3"), text);
+  }
+  std::filesystem::create_symlink("loop", folder_.path() / "loop");
+  EXPECT_THROW(PendingFile{folder_.path() / "loop"}, ModelError);
+}
+
+TEST_F(PendingFileTest, KeepsThePermissionsOfAReplacedFileAndOtherwiseFollowsTheMask) {
+  using std::filesystem::perms;
+  const std::filesystem::path path = folder_.path() / "file";
+  const auto written_perms = [&] {
+    PendingFile file{path};
+    file.write("new", 3);
+    file.commit();
+    return std::filesystem::status(path).permissions();
+  };
+  const mode_t before = ::umask(0027);
+  EXPECT_EQ(written_perms(), perms{0640});
+  for (const perms kept : {perms{0600}, perms{0666}}) {
+    std::filesystem::permissions(path, kept);
+    EXPECT_EQ(written_perms(), kept);
+  }
+  EXPECT_EQ(::umask(before), 0027u);
 }
 
 TEST_F(PendingFileTest, AMeshThatDoesNotFitOnTheDiskDoesNotChangeTheOldFile) {
