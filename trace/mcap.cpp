@@ -1,14 +1,11 @@
 #include "trace/mcap.hpp"
 
-#include <unistd.h>
 #include <zlib.h>
 
 #include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cstring>
-
-#include "trace/private_file.hpp"
 
 namespace tactus::trace {
 namespace {
@@ -76,21 +73,11 @@ std::uint32_t crc_of(const Bytes& bytes, std::uint32_t before = 0) {
 
 }  // namespace
 
-McapWriter::McapWriter(std::filesystem::path file, const std::string& library)
-    : name_{std::move(file)}, file_{nullptr, &std::fclose} {
-  using std::filesystem::file_type;
-  const auto fail = [&] { throw McapError("cannot write " + name_.string() + ": " + std::strerror(errno)); };
-  std::error_code ignored;
-  const file_type type = symlink_status(name_, ignored).type();
-  // A device or a pipe cannot be replaced, and a link would be replaced instead of its file.
-  const bool can_replace = type == file_type::regular || type == file_type::not_found;
-  if (can_replace && type == file_type::regular && access(name_.c_str(), W_OK) != 0) fail();
-  const std::string opened = name_.string() + (can_replace ? ".part" : "");
-  file_.reset(open_private(opened, can_replace));
-  if (!file_) fail();
+McapWriter::McapWriter(std::filesystem::path file, const std::string& library) : name_{std::move(file)}, file_{name_} {
+  if (file_.get() == nullptr) fail();
   put({kMagic.begin(), kMagic.end()});
   put(Encoder{}.text("").text(library).record(kHeader));
-  if (std::fflush(file_.get()) != 0 || (can_replace && std::rename(opened.c_str(), name_.c_str()) != 0)) fail();
+  if (!file_.commit()) fail();
 }
 
 McapWriter::~McapWriter() {
@@ -100,10 +87,19 @@ McapWriter::~McapWriter() {
   }
 }
 
+/// Throws after a failed write. A part of a record may be in the file, so that no other record may follow.
+void McapWriter::fail() {
+  is_closed_ = true;
+  throw McapError("cannot write " + name_.string() + ": " + std::strerror(errno));
+}
+
 void McapWriter::put(const Bytes& bytes) {
-  if (std::fwrite(bytes.data(), 1, bytes.size(), file_.get()) != bytes.size())
-    throw McapError("cannot write " + name_.string() + ": " + std::strerror(errno));
+  if (std::fwrite(bytes.data(), 1, bytes.size(), file_.get()) != bytes.size()) fail();
   offset_ += bytes.size();
+}
+
+void McapWriter::write_buffer() {
+  if (std::fflush(file_.get()) != 0) fail();
 }
 
 McapWriter::Schema McapWriter::add_schema(const std::string& name, const std::string& encoding,
@@ -189,7 +185,7 @@ void McapWriter::flush() {
     chunk_.clear();
     chunk_messages_.clear();
   }
-  if (std::fflush(file_.get()) != 0) throw McapError("cannot write " + name_.string() + ": " + std::strerror(errno));
+  write_buffer();
 }
 
 void McapWriter::close() {
@@ -260,7 +256,7 @@ void McapWriter::close() {
   put(summary);
   put(footer);
   put({kMagic.begin(), kMagic.end()});
-  if (std::fflush(file_.get()) != 0) throw McapError("cannot write " + name_.string() + ": " + std::strerror(errno));
+  write_buffer();
 }
 
 namespace {

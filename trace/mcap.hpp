@@ -18,6 +18,8 @@
 #include <string>
 #include <vector>
 
+#include "trace/private_file.hpp"
+
 namespace tactus::trace {
 
 /// Thrown if a file cannot be written or read, or is damaged. The message names the file.
@@ -34,7 +36,8 @@ class McapWriter {
 
   /// Replaces the file. `library`: name of the writing program, for the header. Throws McapError.
   McapWriter(std::filesystem::path file, const std::string& library);
-  /// Closes the file and ignores errors.
+  /// Closes the file and ignores errors. After a failed write, writes nothing more, so that the file ends with a
+  /// truncated record.
   ~McapWriter();
   McapWriter(const McapWriter&) = delete;
   McapWriter& operator=(const McapWriter&) = delete;
@@ -71,9 +74,11 @@ class McapWriter {
   };
 
   void put(const Bytes& bytes);
+  void write_buffer();
+  [[noreturn]] void fail();
 
   std::filesystem::path name_;
-  std::unique_ptr<std::FILE, int (*)(std::FILE*)> file_;
+  PrivateFile file_;
   std::uint64_t offset_ = 0;
   std::uint64_t messages_ = 0;
   std::vector<Bytes> schemas_, channels_;           // encoded MCAP records

@@ -7,6 +7,7 @@
 
 #include <cstdio>
 #include <filesystem>
+#include <memory>
 
 namespace tactus::trace {
 
@@ -21,5 +22,29 @@ namespace tactus::trace {
   if (::fstat(fd, &status) == 0 && S_ISREG(status.st_mode)) (void)::fchmod(fd, S_IRUSR | S_IWUSR);
   return ::fdopen(fd, "wb");
 }
+
+/// A file that only its owner can read, and that replaces another one only when it gets its name.
+///
+/// Until `commit`, it has the name `path` with the suffix ".part", and `path` is unchanged. Without `commit`, the
+/// destructor removes it. But if `path` is a device, a pipe or a link, this object writes to it directly. Functions that
+/// fail set errno.
+class PrivateFile {
+ public:
+  /// `get` returns null if this failed.
+  explicit PrivateFile(std::filesystem::path path);
+  ~PrivateFile();
+  PrivateFile(const PrivateFile&) = delete;
+  PrivateFile& operator=(const PrivateFile&) = delete;
+
+  [[nodiscard]] std::FILE* get() const noexcept { return file_.get(); }
+  /// Writes the buffer of the file, and gives it its name. The file remains open. Returns false if that failed, or if an
+  /// earlier write has failed.
+  [[nodiscard]] bool commit();
+
+ private:
+  std::filesystem::path path_;
+  std::filesystem::path unfinished_;  // name of the file until `commit`; empty: it has no such name
+  std::unique_ptr<std::FILE, int (*)(std::FILE*)> file_;
+};
 
 }  // namespace tactus::trace

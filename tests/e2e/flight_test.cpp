@@ -71,8 +71,23 @@ TEST_F(FlightTest, TheReplayOfARecordingGivesTheSameForcesToTheBit) {
   EXPECT_THAT(of_stop, HasSubstr("every force is the same to the bit"));
   EXPECT_THAT(replay_output(files[1], 0, models().organ), HasSubstr("written for: requested by a signal"));
   EXPECT_THAT(replay_output(path("end.mcap"), 0, models().organ), HasSubstr("written for: the end"));
+  Process to_csv{program("replay", {path("end.mcap"), "--model", models().organ, "--to-csv", path("forces.csv")})};
+  EXPECT_TRUE(exits_with(0, to_csv));
+  EXPECT_THAT(test_support::read_bytes(path("forces.csv")), testing::StartsWith("cycle,time_ns,probe,x,y,z,status,"));
+  EXPECT_EQ(std::filesystem::status(path("forces.csv")).permissions(), std::filesystem::perms{0600});
   EXPECT_THAT(replay_output(path("end.mcap"), 2, models().sphere),
               HasSubstr("object 'organ' is of the model with digest "));
+}
+
+TEST_F(FlightTest, AReplayThatFailsLeavesNoTable) {
+  Process without_folder{program("replay", {path("none.mcap"), "--to-csv", path("none/forces.csv")})};
+  EXPECT_TRUE(exits_with(2, without_folder));
+  EXPECT_THAT(without_folder.output(), HasSubstr("none/forces.csv: No such file or directory"));
+
+  Process without_recording{program("replay", {path("none.mcap"), "--to-csv", path("forces.csv")})};
+  EXPECT_TRUE(exits_with(2, without_recording));
+  EXPECT_THAT(without_recording.output(), HasSubstr("none.mcap: No such file or directory"));
+  for (const char* name : {"forces.csv", "forces.csv.part"}) EXPECT_FALSE(std::filesystem::exists(path(name))) << name;
 }
 
 TEST_F(FlightTest, AFileThatCannotBeWrittenIsReportedAtStartup) {

@@ -7,6 +7,7 @@
 #include <fstream>
 #include <random>
 
+#include "tests/support/file_size_limit.hpp"
 #include "tests/support/temporary_folder.hpp"
 #include "tests/trace/read_mcap.hpp"
 
@@ -178,6 +179,23 @@ TEST_F(Mcap, ALinkInThePlaceOfTheUnfinishedFileIsNotFollowed) {
   std::getline(std::ifstream{other}, found);
   EXPECT_EQ(found, "untouched");
   EXPECT_TRUE(is_regular_file(std::filesystem::symlink_status(file_)));
+}
+
+TEST_F(Mcap, NothingFollowsAFailedWrite) {
+  {
+    McapWriter writer{file_, "test"};
+    const auto channel = writer.add_channel(writer.add_schema("B", "omgidl", "struct B { octet x; };"), "a", "cdr");
+    writer.write(channel, 1, 1, 1, std::vector<std::uint8_t>(10));
+    writer.flush();
+    writer.write(channel, 2, 2, 2, std::vector<std::uint8_t>(20'000));  // larger than the buffer of the file
+    const test_support::FileSizeLimit limit{writer.bytes() + 100};
+    EXPECT_THROW(writer.flush(), McapError);
+  }  // the limit ends first, so the destructor could write
+  McapReader reader{file_};
+  McapMessage message;
+  EXPECT_TRUE(reader.next(message));
+  EXPECT_FALSE(reader.next(message));
+  EXPECT_TRUE(reader.is_truncated());
 }
 
 TEST_F(Mcap, ReportsAFullDisk) {

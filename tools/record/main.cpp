@@ -259,7 +259,7 @@ int to_csv(const std::string& file, const std::filesystem::path& directory) {
   std::filesystem::create_directories(directory);
   std::map<const std::string*, trace::IdlSchema> schemas;
   struct Table {
-    std::unique_ptr<std::FILE, decltype(&std::fclose)> out{nullptr, &std::fclose};
+    std::unique_ptr<trace::PrivateFile> out;
     std::filesystem::path path;
     std::uint64_t rows = 0;
   };
@@ -275,7 +275,7 @@ int to_csv(const std::string& file, const std::filesystem::path& directory) {
     throw std::runtime_error("cannot write " + path.string() + ": " + std::strerror(errno));
   };
   const auto write = [&fail](const Table& table, const std::string& line) {
-    if (std::fputs((line + '\n').c_str(), table.out.get()) == EOF) fail(table.path);
+    if (std::fputs((line + '\n').c_str(), table.out->get()) == EOF) fail(table.path);
   };
   trace::McapMessage message;
   while (reader.next(message)) {
@@ -288,8 +288,8 @@ int to_csv(const std::string& file, const std::filesystem::path& directory) {
       const int number = ++used[message.topic];
       table->second.path =
           directory / (file_name(message.topic) + (number > 1 ? "-" + std::to_string(number) : "") + ".csv");
-      table->second.out.reset(trace::open_private(table->second.path));
-      if (!table->second.out) fail(table->second.path);
+      table->second.out = std::make_unique<trace::PrivateFile>(table->second.path);
+      if (table->second.out->get() == nullptr) fail(table->second.path);
       std::string heading = "log_time_ns,sequence";
       for (const std::string& column : schema.columns(message.schema)) heading += ',' + column;
       write(table->second, heading);
@@ -301,7 +301,7 @@ int to_csv(const std::string& file, const std::filesystem::path& directory) {
     ++table->second.rows;
   }
   for (auto& [channel, table] : tables) {
-    if (std::fclose(table.out.release()) != 0) fail(table.path);
+    if (!table.out->commit()) fail(table.path);
     std::cout << table.path.string() << ": " << table.rows << " rows\n";
   }
   if (reader.is_truncated()) std::cout << file << " is truncated; everything before is included\n";

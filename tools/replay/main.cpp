@@ -1,13 +1,20 @@
 // tactus-replay: recomputes the forces of a flight recording and compares them to the bit.
 #include <CLI/CLI.hpp>
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <iostream>
 #include <map>
+#include <memory>
+#include <sstream>
+#include <stdexcept>
+#include <string>
 #include <vector>
 
 #include "hrtc_service/flight_replay.hpp"
 #include "spm/offline/model_file.hpp"
+#include "trace/private_file.hpp"
 
 namespace {
 
@@ -21,30 +28,40 @@ Examples:
 Exit status: 0 every force is the same to the bit, 1 some forces differ, 2 wrong input: not a flight recording, another
 build, or a missing model.)";
 
-/// Writes a CSV file with a line for each probe and cycle.
+/// Writes a CSV file with a line for each probe and cycle. The file gets its name at `close`.
 class Table {
  public:
-  explicit Table(const std::string& file) : file_{file}, out_{file} {
-    out_ << "cycle,time_ns,probe,x,y,z,status,force_x,force_y,force_z,replayed_x,replayed_y,replayed_z\n";
-    out_.precision(17);
+  explicit Table(const std::string& file) : name_{file}, file_{file} {
+    if (file_.get() == nullptr) fail();
+    line_ << "cycle,time_ns,probe,x,y,z,status,force_x,force_y,force_z,replayed_x,replayed_y,replayed_z\n";
+    line_.precision(17);
+    write();
   }
   void add(const trace::FlightTouch& touch, const trace::FlightProbe& probe,
            const hrtc_service::ProbeOutput& replayed) {
-    out_ << touch.cycle << ',' << touch.time_ns << ',' << probe.probe;
-    for (const double x : probe.position) out_ << ',' << x;
-    out_ << ',' << probe.status;
-    for (const double x : probe.force) out_ << ',' << x;
-    for (const double x : replayed.force) out_ << ',' << x;
-    out_ << '\n';
+    line_ << touch.cycle << ',' << touch.time_ns << ',' << probe.probe;
+    for (const double x : probe.position) line_ << ',' << x;
+    line_ << ',' << probe.status;
+    for (const double x : probe.force) line_ << ',' << x;
+    for (const double x : replayed.force) line_ << ',' << x;
+    line_ << '\n';
+    write();
   }
   void close() {
-    out_.close();
-    if (!out_) throw std::runtime_error("cannot write " + file_);
+    if (!file_.commit()) fail();
   }
 
  private:
-  std::string file_;
-  std::ofstream out_;
+  /// Writes the line and clears it.
+  void write() {
+    if (std::fputs(line_.str().c_str(), file_.get()) == EOF) fail();
+    line_.str({});
+  }
+  [[noreturn]] void fail() const { throw std::runtime_error("cannot write " + name_ + ": " + std::strerror(errno)); }
+
+  std::string name_;
+  trace::PrivateFile file_;
+  std::ostringstream line_;
 };
 
 void print(const hrtc_service::FlightReport& report) {
