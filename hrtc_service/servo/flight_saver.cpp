@@ -5,10 +5,13 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
-#include <cstdio>
+#include <cstring>
 #include <ctime>
 #include <stdexcept>
+
+#include "trace/private_file.hpp"
 
 namespace tactus::hrtc_service {
 namespace {
@@ -70,9 +73,10 @@ FlightSaver::FlightSaver(const FlightOptions& options, const trace::FlightStart&
       store_{recorder_, start, options.seconds, max_bytes_} {
   check_owner(options.folder);
   if (!options.file.empty()) {
-    std::FILE* const file = std::fopen(options.file.c_str(), "ab");
-    if (file == nullptr) throw std::runtime_error("cannot write the flight recording " + options.file.string());
-    std::fclose(file);
+    const trace::PrivateFile probe{options.file};  // removed at once
+    if (probe.get() == nullptr)
+      throw std::runtime_error("cannot write the flight recording " + options.file.string() + ": " +
+                               std::strerror(errno));
   }
 }
 

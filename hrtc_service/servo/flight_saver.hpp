@@ -32,7 +32,8 @@ struct FlightOptions {
 class FlightSaver {
  public:
   /// Allocates the memory that the haptic thread uses. Further memory, up to `max_bytes()`, is allocated during
-  /// recording. Throws std::runtime_error if `file` cannot be written, or if another user has made `folder`.
+  /// recording. Leaves `file` as it is. Throws std::runtime_error if `file` cannot be written, or if another user has
+  /// made `folder`.
   FlightSaver(const FlightOptions& options, const trace::FlightStart& start, std::uint32_t probes);
   ~FlightSaver();
 

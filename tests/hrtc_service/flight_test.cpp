@@ -347,6 +347,26 @@ TEST_F(FlightReplayTest, ARecordingOfAnotherBuildIsReplayedOnRequest) {
   EXPECT_EQ(replay(true).different_cycles, 0u);
 }
 
+TEST(FlightSaverTest, ChangesNoFileBeforeTheEnd) {
+  const test_support::TemporaryFolder folder;
+  FlightOptions options;
+  options.seconds = 0.1;
+  options.folder = folder.path();
+  options.file = folder.path() / "end.mcap";
+  const trace::FlightStart start =
+      hrtc_service::flight_start("desk", hrtc_service::CycleSettings{}, spm::PoolSettings::for_slots(1000), {});
+  { const hrtc_service::FlightSaver abandoned{options, start, 1}; }
+  EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
+
+  test_support::write_bytes(options.file, "an earlier recording");
+  { const hrtc_service::FlightSaver abandoned{options, start, 1}; }
+  EXPECT_EQ(test_support::read_bytes(options.file), "an earlier recording");
+
+  options.file = folder.path() / "none" / "end.mcap";
+  EXPECT_THAT([&] { const hrtc_service::FlightSaver refused(options, start, 1); },
+              testing::ThrowsMessage<std::runtime_error>(testing::HasSubstr("end.mcap: No such file or directory")));
+}
+
 TEST(FlightLimit, StaysWithinAnEighthOfTheMemoryOrRecordsNothing) {
   constexpr double kPeriod = 1e-3;
   constexpr std::uint32_t kProbes = 8;
