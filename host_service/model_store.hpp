@@ -29,8 +29,8 @@ class ModelStore {
   ModelStore(std::filesystem::path cache, Log log, const std::atomic<bool>& stop);
 
   /// Opens a `.spm` file. Imports and builds any other file, which takes seconds to minutes, unless the cache contains
-  /// the result for the same bytes of the file and of all files that its reader requests. Rebuilds a damaged cache entry.
-  /// Throws spm::offline::ModelError.
+  /// the result for the same bytes of the file and of all files that its reader requests. Rebuilds a damaged cache
+  /// entry. Throws spm::offline::ModelError.
   ///
   /// If `stop` is set, throws Stopped within about 20 ms, or once a built model has been written. The importer cannot
   /// be interrupted, so its thread may continue after the throw. The thread uses no data of the caller, but it may use

@@ -26,8 +26,8 @@ namespace tactus::trace {
 /// A file that only its owner can read, and that replaces another one only when it gets its name.
 ///
 /// Until `commit`, it has the name `path` with the suffix ".part", and `path` is unchanged. Without `commit`, the
-/// destructor removes it. But if `path` is a device, a pipe or a link, this object writes to it directly. Functions that
-/// fail set errno.
+/// destructor removes it. But if `path` is a device, a pipe or a link, this object writes to it directly. Functions
+/// that fail set errno.
 class PrivateFile {
  public:
   /// `get` returns null if this failed.
@@ -37,8 +37,8 @@ class PrivateFile {
   PrivateFile& operator=(const PrivateFile&) = delete;
 
   [[nodiscard]] std::FILE* get() const noexcept { return file_.get(); }
-  /// Writes the buffer of the file, and gives it its name. The file remains open. Returns false if that failed, or if an
-  /// earlier write has failed.
+  /// Writes the buffer of the file, and gives it its name. The file remains open. Returns false if that failed, or if
+  /// an earlier write has failed.
   [[nodiscard]] bool commit();
 
  private:

@@ -11,8 +11,8 @@ namespace tactus::spm::offline {
 /// Writes a file without a name in the folder of `path`. `commit` syncs it and gives it the name `path`, and replaces a
 /// regular file of that name, whose permissions remain. If `path` is a link, this holds for the file to which it leads.
 /// Without `commit`, also if the process is killed, `path` is unchanged and nothing remains. But if the file system has
-/// only files with names, a killed process leaves a file with a temporary one. All functions throw ModelError that names
-/// path and cause. The constructor also throws if `path` is a device, a pipe or a folder.
+/// only files with names, a killed process leaves a file with a temporary one. All functions throw ModelError that
+/// names path and cause. The constructor also throws if `path` is a device, a pipe or a folder.
 class PendingFile {
  public:
   explicit PendingFile(const std::filesystem::path& path);
