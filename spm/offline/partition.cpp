@@ -41,7 +41,11 @@ class Partitioner {
       const double extent = high[axis] - low[axis] + 4 * margin_;
       count_[axis] = static_cast<std::uint32_t>(std::ceil(extent / cell));
       out_.grid.origin[static_cast<std::size_t>(axis)] = (low[axis] + high[axis] - count_[axis] * cell) / 2;
+      extent_ = std::max(extent_, count_[axis] * cell);
     }
+    // A coordinate has an error of at most some units of roundoff of `largest + extent_`. For an axis, it is multiplied
+    // by the length of the axis, and the error of the axis itself by `extent_`.
+    rounding_ = 0x1p14 * std::numeric_limits<double>::epsilon() * (largest + extent_);
   }
 
   Partition run() {
@@ -120,6 +124,23 @@ class Partitioner {
       entries.push_back({morton(first[0], first[1], first[2]), f});
       return;
     }
+    constexpr std::uint64_t kFewCells = 64;
+    if (cells_of(first, last) <= kFewCells) {
+      add_cells(t, f, first, last, entries);
+    } else {
+      add_block(t, f, first, last, entries);
+    }
+  }
+
+  static std::uint64_t cells_of(const CellCoordinates& first, const CellCoordinates& last) {
+    std::uint64_t cells = 1;
+    for (std::size_t k = 0; k < 3; ++k) cells *= last[k] - first[k] + 1;
+    return cells;
+  }
+
+  /// Tests each cell of a block.
+  void add_cells(const std::array<Vec3d, 3>& t, std::uint32_t f, const CellCoordinates& first,
+                 const CellCoordinates& last, std::vector<Entry>& entries) const {
     for (std::uint32_t z = first[2]; z <= last[2]; ++z) {
       for (std::uint32_t y = first[1]; y <= last[1]; ++y) {
         for (std::uint32_t x = first[0]; x <= last[0]; ++x) {
@@ -127,6 +148,50 @@ class Partitioner {
         }
       }
     }
+  }
+
+  /// Halves a block and its halves, without those that do not intersect the face. So a long thin face costs a number of
+  /// tests in proportion to its length, not to its bounding box.
+  void add_block(const std::array<Vec3d, 3>& t, std::uint32_t f, const CellCoordinates& first,
+                 const CellCoordinates& last, std::vector<Entry>& entries) const {
+    constexpr std::uint64_t kFewCells = 8;
+    if (!can_intersect_block(t, first, last)) return;
+    if (cells_of(first, last) <= kFewCells) return add_cells(t, f, first, last, entries);
+    std::size_t longest = 0;
+    for (std::size_t k = 1; k < 3; ++k)
+      if (last[k] - first[k] > last[longest] - first[longest]) longest = k;
+    CellCoordinates end = last, begin = first;
+    end[longest] = first[longest] + (last[longest] - first[longest]) / 2;
+    begin[longest] = end[longest] + 1;
+    add_block(t, f, first, end, entries);
+    add_block(t, f, begin, last, entries);
+  }
+
+  /// Returns false only if `intersects_cell` is false for each cell of the block. Tests the axes of
+  /// triangle_intersects_cube with a tolerance above the rounding errors of both tests.
+  bool can_intersect_block(const std::array<Vec3d, 3>& t, const CellCoordinates& first,
+                           const CellCoordinates& last) const {
+    Vec3d centre, half;
+    for (int axis = 0; axis < 3; ++axis) {
+      const auto k = static_cast<std::size_t>(axis);
+      centre[axis] = out_.grid.origin[k] + (first[k] + last[k] + 1.0) / 2 * out_.grid.cell_size;
+      half[axis] = (last[k] - first[k] + 1.0) / 2 * out_.grid.cell_size + margin_;
+    }
+    const Vec3d a = t[0] - centre, b = t[1] - centre, c = t[2] - centre;
+    // `scale`: upper bound of the length of the axis.
+    const auto apart = [&](const Vec3d& axis, double scale) {
+      const double pa = axis.dot(a), pb = axis.dot(b), pc = axis.dot(c);
+      const double reach = half.dot(axis.cwiseAbs()) + rounding_ * scale;
+      return std::min({pa, pb, pc}) > reach || std::max({pa, pb, pc}) < -reach;
+    };
+    const std::array<Vec3d, 3> edges{Vec3d{b - a}, Vec3d{c - b}, Vec3d{a - c}};
+    if (apart(edges[0].cross(edges[1]), extent_ * extent_)) return false;
+    for (int axis = 0; axis < 3; ++axis) {
+      if (apart(Vec3d::Unit(axis), 1)) return false;
+      for (const Vec3d& edge : edges)
+        if (apart(Vec3d::Unit(axis).cross(edge), extent_)) return false;
+    }
+    return true;
   }
 
   std::array<Vec3d, 3> corners(std::uint32_t f) const {
@@ -236,7 +301,9 @@ class Partitioner {
   const TriangleMesh& mesh_;
   PartitionOptions options_;
   unsigned threads_;
-  double margin_ = 0;  // by which cells are enlarged on each side, file units
+  double margin_ = 0;    // by which cells are enlarged on each side, file units
+  double extent_ = 0;    // longest side of the grid, file units
+  double rounding_ = 0;  // upper bound of the rounding error of a projection onto an axis of length 1, file units
   std::array<std::uint32_t, 3> count_{};
   Partition out_{};
 };
