@@ -12,6 +12,10 @@ namespace tactus::spm {
 namespace {
 
 constexpr std::size_t kMaxMessages = 20;
+/// Parts of all lists together, at most this multiple of the numbers of parts and regions.
+constexpr std::uint32_t kMaxMeanLists = 1024;
+/// Vertices onto which a vertex collapses, one after the other: mean over all vertices.
+constexpr std::uint32_t kMaxMeanDepth = 4096;
 
 /// Collects at most kMaxMessages messages, because a broken file can cause thousands.
 class Findings {
@@ -45,6 +49,21 @@ void check_size(Findings& findings, const char* what, std::size_t found, std::ui
   if (found != expected) findings.add(what, ": found ", found, " entries, expected ", expected, " as in the summary");
 }
 
+void check_grid(const ModelSummary& s, Findings& findings) {
+  const double cell = s.grid.cell_size, max_cell = 2 * longest_side(s);
+  if (!(cell > 0 && cell <= max_cell)) {
+    findings.add("grid cell size: found ", cell, ", expected a positive length of at most ", max_cell,
+                 ", twice the longest side of the bounds");
+  }
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const double low = s.grid.origin[axis], high = low + kMaxCellsPerSide * cell;
+    if (!(low <= s.bounds_min[axis] && high >= s.bounds_max[axis])) {
+      findings.add("grid origin: found ", low, " on axis ", axis, ", expected that ", kMaxCellsPerSide,
+                   " cells from there contain the bounds");
+    }
+  }
+}
+
 void check_summary(const ModelSummary& s, Findings& findings) {
   if (s.vertices >= kMaxVertices) {
     findings.add("vertices: found ", s.vertices, ", expected below ", kMaxVertices);
@@ -67,18 +86,18 @@ void check_summary(const ModelSummary& s, Findings& findings) {
     findings.add("faces: found ", s.faces, ", expected at most the ",
                  s.base_faces + std::uint64_t{kBornPerPart} * s.parts, " for which base mesh and parts have room");
   }
-  if (s.regions == 0 || s.regions == kNone) findings.add("regions: found ", s.regions, ", expected at least 1");
+  if (s.regions == 0 || std::uint64_t{s.records} + s.regions >= kMaxVertices) {
+    findings.add("regions: found ", s.regions, ", expected at least 1, and below ", kMaxVertices, " together with the ",
+                 s.records, " records");
+  }
   if (s.max_level > 0xffff || (s.max_level == 0) != (s.records == 0)) {
     findings.add("max level: found ", s.max_level, " with ", s.records, " records");
   }
   if (!finite(s.bounds_min) || !finite(s.bounds_max)) findings.add("bounds: not finite");
   for (std::size_t axis = 0; axis < 3; ++axis) {
     if (!(s.bounds_min[axis] <= s.bounds_max[axis])) findings.add("bounds: minimum above maximum on axis ", axis);
-    if (!std::isfinite(s.grid.origin[axis])) findings.add("grid origin: not finite on axis ", axis);
   }
-  if (!(std::isfinite(s.grid.cell_size) && s.grid.cell_size > 0)) {
-    findings.add("grid cell size: found ", s.grid.cell_size, ", expected a finite positive length");
-  }
+  check_grid(s, findings);
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const double steps = (double{s.bounds_max[axis]} - double{s.bounds_min[axis]}) / s.position_step;
     if (s.position_step != 0 && !(s.position_step > 0 && std::isfinite(s.position_step) && steps < 1 << 24)) {
@@ -141,6 +160,14 @@ void check_base_faces(const ModelSummary& s, std::span<const BaseFace> faces, Fi
     }
     if (!distinct(f.corners)) findings.add("base face ", i, ": has a corner twice");
   }
+}
+
+/// Limits the total length of all lists, so that the time of the other checks is linear in the size of the model.
+void check_list_lengths(const ModelSummary& s, std::span<const Region> regions, Findings& findings) {
+  std::uint64_t parts = 0;
+  for (const Region& region : regions) parts += region.part_count;
+  const std::uint64_t limit = std::uint64_t{kMaxMeanLists} * (std::uint64_t{s.parts} + s.regions);
+  if (parts > limit) findings.add("lists: found ", parts, " parts in all lists together, expected at most ", limit);
 }
 
 void check_cells(const ModelSummary& s, std::span<const Region> regions, Findings& findings) {
@@ -272,6 +299,7 @@ class RecordChecker {
     std::vector<std::uint32_t> parent(s.vertices, kNone);
     for (std::uint32_t r = 0; r < s.records; ++r)
       parent[s.base_vertices + r] = index(model_.first_part(RecordId{r}).parent);
+    if (!check_depth(parent)) return;
     const std::vector<double> distances = collapse_distances(model_.positions, parent);
     std::uint16_t max = 0;
     for (std::uint32_t v = 0; v < s.vertices && !findings_.full(); ++v) {
@@ -287,6 +315,20 @@ class RecordChecker {
     if (findings_.none() && s.deviation != radius_of(max)) {
       findings_.add("deviation: found ", s.deviation, ", expected the largest radius ", radius_of(max));
     }
+  }
+
+  /// Returns false and adds a finding if `collapse_distances` would take too long.
+  bool check_depth(const std::vector<std::uint32_t>& parent) {
+    std::vector<std::uint32_t> depth(parent.size(), 0);
+    std::uint64_t sum = 0;
+    for (std::size_t v = 0; v < parent.size(); ++v) {
+      if (parent[v] == kNone) continue;
+      depth[v] = depth[parent[v]] + 1;
+      sum += depth[v];
+    }
+    const std::uint64_t limit = std::uint64_t{kMaxMeanDepth} * parent.size();
+    if (sum > limit) findings_.add("vertices: found ", sum, " ancestors of all together, expected at most ", limit);
+    return sum <= limit;
   }
 
   void check_part(const RecordPart& part, VertexId u) {
@@ -364,6 +406,7 @@ class RecordChecker {
 
   void check_list(RegionId region, std::span<const Interval> intervals, IdVector<RecordId, RegionId>& in_list) {
     const std::uint32_t records = model_.summary.records;
+    const Region& stated = model_.regions[index(region)];
     std::uint64_t after = 0, record_count = 0, part_count = 0;
     for (std::size_t i = 0; i < intervals.size(); ++i) {
       const Interval interval = intervals[i];
@@ -375,7 +418,14 @@ class RecordChecker {
       }
       after = std::uint64_t{interval.first} + interval.count;
       record_count += interval.count;
-      for (std::uint32_t r = interval.first; r < after; ++r) {
+    }
+    if (record_count != stated.record_count) {
+      findings_.add("region ", region, ": ", stated.record_count, " records, expected ", record_count,
+                    " as in its intervals");
+      return;
+    }
+    for (const Interval& interval : intervals) {
+      for (std::uint32_t r = interval.first; r < interval.first + interval.count; ++r) {
         in_list[RecordId{r}] = region;
         part_count += chain_length_[RecordId{r}];
         for (std::size_t k = first_needed_[r]; k < first_needed_[r + 1]; ++k) {
@@ -385,10 +435,9 @@ class RecordChecker {
         }
       }
     }
-    const Region& stated = model_.regions[index(region)];
-    if (record_count != stated.record_count || part_count != stated.part_count) {
-      findings_.add("region ", region, ": ", stated.record_count, " records in ", stated.part_count,
-                    " parts, expected ", record_count, " in ", part_count, " as in its intervals");
+    if (part_count != stated.part_count) {
+      findings_.add("region ", region, ": ", stated.part_count, " parts, expected ", part_count,
+                    " as in its intervals");
     }
   }
 
@@ -457,6 +506,7 @@ std::vector<std::string> violations(const Model& model) {
   if (!findings.none()) return findings.take();
   check_positions(s, model.positions, findings);
   check_base_faces(s, model.base_faces, findings);
+  check_list_lengths(s, model.regions, findings);
   check_cells(s, model.regions, findings);
   if (!findings.none()) return findings.take();
   RecordChecker checker{model, findings};
@@ -480,6 +530,7 @@ std::vector<std::string> violations(const BaseMesh& base) {
     check_radius("vertex", v, base.radii[v], s.deviation, findings);
   }
   check_base_faces(s, base.faces, findings);
+  check_list_lengths(s, base.regions, findings);
   check_cells(s, base.regions, findings);
   for (std::size_t i = 0; i < base.regions.size() && !findings.full(); ++i) {
     if (base.regions[i].first_interval != 0 || base.regions[i].interval_count != 0) {

@@ -156,8 +156,9 @@ struct BaseMesh {
 }
 
 /// Returns descriptions of the defects of a model; empty if it has none. Checks every index, order and count that other
-/// code relies on, so that a hostile file or stream causes no access out of bounds. O(size x depth of the forest),
-/// allocates.
+/// code relies on, so that a hostile file or stream causes no access out of bounds. O(size x depth of the forest). The
+/// total length of the lists and the mean depth have limits, so a hostile model costs at most some seconds for each MB.
+/// Allocates.
 [[nodiscard]] std::vector<std::string> violations(const Model& model);
 [[nodiscard]] std::vector<std::string> violations(const BaseMesh& base);
 

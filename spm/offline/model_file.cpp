@@ -148,6 +148,8 @@ codec::Bytes block_checksums(const codec::ModelSpans& bytes) {
 }  // namespace
 
 void write_model(const std::filesystem::path& path, const Model& model, const Provenance& provenance) {
+  if (const std::vector<std::string> broken = violations(base_mesh_of(model)); !broken.empty())
+    fail(path, "cannot be written: " + broken.front());
   const std::string statistics = to_json(provenance);
   const codec::EncodedModel encoded{model};
   const codec::ModelSpans& bytes = encoded.compressed().spans();

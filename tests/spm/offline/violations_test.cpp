@@ -8,6 +8,7 @@
 #include <limits>
 #include <random>
 
+#include "spm/checksum.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
 #include "tests/support/mesh_zoo.hpp"
@@ -70,6 +71,14 @@ const std::vector<Damage> kDamages{
     {"CellSizeZero", [](BuiltModel& m) { m.summary.grid.cell_size = 0; }, "cell size"},
     {"CellSizeNotFinite", [](BuiltModel& m) { m.summary.grid.cell_size = std::numeric_limits<double>::infinity(); },
      "cell size"},
+    {"CellSizeLargerThanTheModel", [](BuiltModel& m) { m.summary.grid.cell_size = 1e305; }, "cell size: found 1e+305"},
+    {"BoundsBeforeTheGrid", [](BuiltModel& m) { m.summary.grid.origin[1] += 2 * m.summary.grid.cell_size; },
+     "grid origin: found"},
+    {"BoundsAfterTheGrid",
+     [](BuiltModel& m) { m.summary.grid.origin[1] -= kMaxCellsPerSide * m.summary.grid.cell_size; },
+     "grid origin: found"},
+    {"RecordsAndRegionsThatAreTooManyTogether",
+     [](BuiltModel& m) { m.summary.records = kMaxVertices - m.summary.regions; }, "regions: found"},
     {"OriginNotFinite", [](BuiltModel& m) { m.summary.grid.origin[2] = std::nan(""); }, "grid origin"},
     {"ScaleNegative", [](BuiltModel& m) { m.summary.metres_per_unit = -1; }, "metres per unit"},
     {"BaseCornerNotABaseVertex", [](BuiltModel& m) { m.base_faces[0].corners[1] = VertexId{m.summary.base_vertices}; },
@@ -275,6 +284,77 @@ TEST(Violations, ReportsTheViolationsOfABaseMesh) {
   damaged = valid;
   damaged.regions[0].record_count = damaged.summary.records + 1;
   EXPECT_THAT(violations(damaged), Contains(HasSubstr("region 0")));
+}
+
+// The lists of 30,000 regions with all records are 30,000 intervals: their bytes are few, but their check is not.
+TEST(Violations, LimitTheTotalLengthOfAllLists) {
+  BuiltModel model = build_model(generate(Shape::kOrgan, 6000));
+  ASSERT_THAT(violations(model.model()), IsEmpty());
+  constexpr std::uint32_t kRegions = 30'000;
+  constexpr std::uint64_t kFirstCode = std::uint64_t{1} << 36;  // after the Morton codes of all other cells
+  Region region{};
+  region.occupied = {1, 0};
+  region.interval_count = 1;
+  region.record_count = model.summary.records;
+  region.part_count = model.summary.parts;
+  region.face_count = 1;
+  for (const std::uint32_t checksum : record_checksums(model.model())) region.checksum += checksum;
+  for (std::uint32_t i = 0; i < kRegions; ++i) {
+    region.cell = {};
+    for (std::uint32_t bit = 0; bit < 39; ++bit)
+      region.cell[bit % 3] |= static_cast<std::uint16_t>(((kFirstCode + i) >> bit & 1u) << bit / 3);
+    region.first_interval = static_cast<std::uint32_t>(model.intervals.size());
+    model.intervals.push_back({0, model.summary.records});
+    model.regions.push_back(region);
+    if (i < 10) {
+      model.summary.regions = static_cast<std::uint32_t>(model.regions.size());
+      ASSERT_THAT(violations(model.model()), IsEmpty());
+    }
+  }
+  model.summary.regions = static_cast<std::uint32_t>(model.regions.size());
+
+  EXPECT_THAT(violations(model.model()), Contains(HasSubstr("parts in all lists together")));
+  EXPECT_THAT(violations(base_mesh_of(model.model())), Contains(HasSubstr("parts in all lists together")));
+}
+
+/// A face whose corner moves with each record to a new vertex, so that each vertex has all earlier ones as ancestors.
+OwnedModel chain_of(std::uint32_t records) {
+  OwnedModel model;
+  model.positions.assign(std::size_t{3} + records, {0, 1, 0});
+  model.positions[0] = {0, 0, 0};
+  model.positions[1] = {1, 0, 0};
+  model.base_radii.assign(3, 0);
+  model.base_faces = {{FaceId{0}, 0, {VertexId{0}, VertexId{1}, VertexId{2}}}};
+  for (std::uint32_t r = 0; r < records; ++r) {
+    RecordPart part{};
+    part.parent = VertexId{2 + r};
+    part.next = kNone;
+    part.deformed_count = 1;
+    part.deformed[0] = DeformedRef::make(FaceId{0}, 2, r + 1 == records);
+    model.parts.push_back(part);
+  }
+  Region region{};
+  region.occupied = {1, 0};
+  region.interval_count = 1;
+  region.record_count = region.part_count = records;
+  region.face_count = 1;
+  model.regions = {region};
+  model.intervals = {{0, records}};
+  ModelSummary& s = model.summary;
+  s.base_vertices = 3;
+  s.records = s.parts = s.max_level = records;
+  s.vertices = 3 + records;
+  s.faces = s.base_faces = s.regions = 1;
+  s.bounds_max = {1, 1, 0};
+  s.grid = {{0, 0, 0}, 1};
+  s.metres_per_unit = 1;
+  model.regions[0].checksum = region_checksums(model.model())[0];
+  return model;
+}
+
+TEST(Violations, LimitTheMeanNumberOfAncestorsOfAVertex) {
+  EXPECT_THAT(violations(chain_of(8'000).model()), IsEmpty());
+  EXPECT_THAT(violations(chain_of(9'000).model()), Contains(HasSubstr("ancestors of all together")));
 }
 
 }  // namespace
