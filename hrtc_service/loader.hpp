@@ -362,11 +362,13 @@ class Loader {
   /// Estimates the memory that loading a region would take, without its records that are already loaded.
   [[nodiscard]] spm::Cache::Space space_to_load(const Object& object, std::uint32_t region) const noexcept;
   void load_soonest();
-  /// Decodes a stored region and sends it to the intake. Returns the memory that the pool lacks for it, zero if it fits.
+  /// Decodes a stored region and sends it to the intake. Returns the memory that the pool lacks for it, zero if it fits
+  /// or is faulty.
   [[nodiscard]] spm::Cache::Space load(Object& object, std::uint32_t region);
   void coarsen();
   void process_answers();
   void process_region_answer(Object& object, std::uint32_t region, spm::AcceptResult result);
+  void mark_faulty(Object& object, std::uint32_t region);
   void end_departure(Object& object, std::uint32_t region);
   void mark_loaded(Object& object, std::uint32_t region);
   void mark_unloaded(Object& object, std::uint32_t region);

@@ -68,13 +68,17 @@ void Loader::load_soonest() {
 
 spm::Cache::Space Loader::load(Object& object, std::uint32_t region) {
   const spm::ObjectIndex number{object.info.index};
-  const spm::RegionData& data = store_.get(number, spm::RegionId{region});
-  const auto parts = static_cast<std::uint32_t>(data.parts.size());
+  const spm::RegionData* data = store_.get(number, spm::RegionId{region});
+  if (data == nullptr) {
+    mark_faulty(object, region);
+    return {};
+  }
+  const auto parts = static_cast<std::uint32_t>(data->parts.size());
   const std::uint32_t blocks = spm::ListBlock::blocks_for(object.lists[region].records);
   if (parts > intake_.free_space().slots || blocks > intake_.free_space().blocks) return {std::max(parts, 1u), blocks};
   const double slots = slot_estimate(object, region);
   if (slots > 0) undecoded_share_ += 0.1 * (static_cast<double>(parts) / slots - undecoded_share_);
-  intake_.add_region(object.info.index, data, object.lists[region]);
+  intake_.add_region(object.info.index, *data, object.lists[region]);
   mark_loaded(object, region);
   figures_.slots_peak = std::max(figures_.slots_peak, slots_used());
   return {};
@@ -199,9 +203,14 @@ void Loader::process_region_answer(Object& object, std::uint32_t region, spm::Ac
   // A record can be missing because the intake has refused another region.
   const bool is_first_time = result == spm::AcceptResult::kIncomplete && note.was_incomplete == 0;
   note.was_incomplete = result == spm::AcceptResult::kIncomplete ? 1 : 0;
-  if (is_first_time || result == spm::AcceptResult::kPoolFull || note.is_faulty != 0 ||
-      note.store_state() == StoreState::kAbsent)
-    return;
+  if (!is_first_time && result != spm::AcceptResult::kPoolFull && note.store_state() != StoreState::kAbsent)
+    mark_faulty(object, region);
+}
+
+/// Lets the store evict the region as soon as possible.
+void Loader::mark_faulty(Object& object, std::uint32_t region) {
+  RegionProgress& note = object.notes[region];
+  if (note.is_faulty != 0) return;
   note.is_faulty = 1;
   ++faulty_regions_;
   report_warning("object " + object.info.name + ": region " + std::to_string(region) +

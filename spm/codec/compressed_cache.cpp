@@ -4,6 +4,7 @@
 #include <cstring>
 
 #include "spm/codec/interval_codec.hpp"
+#include "spm/codec/record_reader.hpp"
 #include "spm/codec/region_codec.hpp"
 #include "spm/directory.hpp"
 
@@ -28,7 +29,7 @@ CompressedCache::CompressedCache(std::uint32_t blocks)
 
 void CompressedCache::admit(ObjectIndex object, const ModelSummary& summary, const RecordTables& tables) {
   if (index(object) >= objects_.size()) objects_.values().resize(index(object) + 1);
-  objects_[object].emplace(Object{&summary, RecordReader{summary, tables}, &tables, {}});
+  objects_[object].emplace(Object{&summary, &tables, {}});
 }
 
 std::uint32_t CompressedCache::write_chain(const Bytes& bytes) noexcept {
@@ -78,13 +79,19 @@ CompressedCache::PutResult CompressedCache::put(ObjectIndex number, RegionId reg
     put.status = Status::kAlreadyHeld;
     return put;
   }
-  std::vector<RecordCode> codes;
-  const Result<RegionData> decoded = decode_region(message, *object.summary, *object.tables, &codes);
-  if (!decoded || decoded->region != region) {
-    put.error = decoded ? "contains region " + std::to_string(index(decoded->region)) : decoded.error().text;
+  // Every listed record takes a block, whether it is sent or in the cache.
+  const Result<RegionCodes> checked = check_region(message, *object.summary, *object.tables, blocks());
+  if (!checked || checked->region != region) {
+    put.error = checked ? "contains region " + std::to_string(index(checked->region)) : checked.error().text;
     return put;
   }
-  const RegionData& data = *decoded;
+  const RegionCodes& data = *checked;
+  if (data.is_too_long) {
+    put.status = Status::kFull;
+    put.blocks = put.blocks_if_empty = blocks() + 1;
+    return put;
+  }
+  const std::vector<RecordCode>& codes = data.codes;
   put.records = static_cast<std::uint32_t>(codes.size());
 
   BitWriter list;
@@ -142,8 +149,8 @@ CompressedCache::PutResult CompressedCache::put(ObjectIndex number, RegionId reg
   return put;
 }
 
-const RegionData& CompressedCache::get(ObjectIndex number, RegionId region) {
-  Object& object = *objects_[number];
+const RegionData* CompressedCache::get(ObjectIndex number, RegionId region) {
+  RecordReader reader{*objects_[number]->summary, *objects_[number]->tables};
   read_list(number, region);
   data_.region = region;
   data_.list = list_;
@@ -159,15 +166,14 @@ const RegionData& CompressedCache::get(ObjectIndex number, RegionId region) {
       BitReader in{buffer_};
       const FaceId anchor{static_cast<std::uint32_t>(in.get(kAnchorBits))};
       data_.residuals.emplace_back();
-      const bool good = object.reader.get(in, record, anchor, data_.parts, data_.residuals.back());
-      TACTUS_CHECK(good);
+      if (!reader.get(in, record, anchor, data_.parts, data_.residuals.back())) return nullptr;
       if (!data_.sent.empty() && data_.sent.back().first + data_.sent.back().count == r) {
         ++data_.sent.back().count;
       } else {
         data_.sent.push_back({r, 1});
       }
     }
-  return data_;
+  return &data_;
 }
 
 std::uint32_t CompressedCache::chain_length(std::uint32_t first) const noexcept {

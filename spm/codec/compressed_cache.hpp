@@ -11,7 +11,7 @@
 ///     evict         frees the list of a region, and the records that no other held region lists
 ///
 /// Blocks are linked to chains: one chain for each record, one for each list. One thread. After `admit`, allocates only
-/// for decoding.
+/// for decoding: in `put` at most 50 bytes for each block.
 #pragma once
 
 #include <cstdint>
@@ -22,7 +22,6 @@
 
 #include "spm/codec/received_records.hpp"
 #include "spm/codec/record_codes.hpp"
-#include "spm/codec/record_reader.hpp"
 #include "spm/flat_index.hpp"
 #include "spm/model.hpp"
 #include "spm/pool.hpp"
@@ -44,7 +43,7 @@ class CompressedCache {
     enum class Status : std::uint8_t {
       kStored,
       kAlreadyHeld,
-      kFull,        ///< too few free blocks, or a record is in the lists of 65,535 regions: evict regions and try again
+      kFull,        ///< too few blocks, or a record is in the lists of 65,535 regions: evict regions and try again
       kIncomplete,  ///< a record of the list is neither in the cache nor in the message
       kMalformed    ///< `error` says why
     };
@@ -53,20 +52,21 @@ class CompressedCache {
     std::uint32_t returned = 0;            ///< number of these records that were received before (ReceivedRecords)
     std::uint32_t repeated = 0;            ///< number of these records that were already in the cache
     std::uint32_t repeated_unretired = 0;  ///< number of repeated records in the list of a region that is not retired
-    std::uint32_t blocks = 0;              ///< number of blocks that the region took, or needs if the status is kFull
-    std::uint32_t blocks_if_empty = 0;     ///< number of blocks that list and message would take in an empty cache
+    /// Number of blocks that the region took, or needs if the status is kFull. blocks() + 1 if it can never fit.
+    std::uint32_t blocks = 0;
+    std::uint32_t blocks_if_empty = 0;  ///< number of blocks that list and message would take in an empty cache
     std::string error;
   };
-  /// Stores a message with this region. If the status is not kStored, the cache is unchanged. Decodes the message as a
-  /// check and drops the result. O(list + message).
+  /// Stores a message with this region. If the status is not kStored, the cache is unchanged. Checks the message, unless
+  /// its list has more records than the cache has blocks. O(list + message).
   [[nodiscard]] PutResult put(ObjectIndex object, RegionId region, std::span<const std::uint8_t> message);
 
   [[nodiscard]] bool holds(ObjectIndex object, RegionId region) const noexcept {
     return index_.find(key_of(object, region)) != kNone;
   }
-  /// Returns the list of a held region, and the records of the list that are in the list of no loaded region. The result
-  /// is valid until the next call.
-  [[nodiscard]] const RegionData& get(ObjectIndex object, RegionId region);
+  /// Returns the list of a held region, and the records of the list that are in the list of no loaded region. Returns
+  /// null if the bits of a record are damaged. The result is valid until the next call.
+  [[nodiscard]] const RegionData* get(ObjectIndex object, RegionId region);
   /// Marks a held region as loaded into the pool, so that `get` of another region omits its records. O(list).
   void mark_loaded(ObjectIndex object, RegionId region) noexcept;
   /// Revokes `mark_loaded`. Call it before the region leaves the pool or is evicted. O(list).
@@ -98,7 +98,6 @@ class CompressedCache {
   static_assert(kMaxFaces <= 1u << kAnchorBits);
   struct Object {
     const ModelSummary* summary;
-    RecordReader reader;
     const RecordTables* tables;
     ReceivedRecords received;
   };
@@ -106,7 +105,7 @@ class CompressedCache {
   [[nodiscard]] static std::uint64_t key(ObjectIndex object, RecordId record) noexcept {
     return std::uint64_t{index(object)} << 31 | index(record);
   }
-  /// In the keys, regions are numbered after the records.
+  /// In the keys, regions are numbered after the records. violations() of the base mesh limits the sum of both.
   [[nodiscard]] std::uint64_t key_of(ObjectIndex object, RegionId region) const noexcept {
     return key(object, RecordId{objects_[object]->summary->records + index(region)});
   }

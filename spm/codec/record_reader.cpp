@@ -90,6 +90,7 @@ bool RecordReader::get_explicit_faces(BitReader& in, RecordId record, RecordPart
   const VertexId u{summary_.base_vertices + index(record)};
   FaceId face = anchor;
   bool first_face = true, any_deformed = false;
+  std::uint32_t changes = 0;
   const auto next_face = [&](Field field) {
     if (!first_face) face = face_after(in, field, face);
     first_face = false;
@@ -106,6 +107,8 @@ bool RecordReader::get_explicit_faces(BitReader& in, RecordId record, RecordPart
       return fail(in, record, "deformed corners", part.deformed_count, "at most", kDeformedPerPart);
     }
     if (part.born_count + part.deformed_count == 0) return fail(in, record, "faces in a part", 0, "at least", 1);
+    changes += std::uint32_t{part.born_count} + part.deformed_count;
+    if (changes > kMaxChanges) return fail(in, record, "born and deformed faces", changes, "at most", kMaxChanges);
     std::uint32_t corner = kCornerOfParent;
     if (is_first_part && part.deformed_count > 0) corner = static_cast<std::uint32_t>(in.get(2));
     if (is_first_part && part.deformed_count > 0 && corner > 2) return fail(in, record, "corner", corner, "at most", 2);
@@ -127,9 +130,6 @@ bool RecordReader::get_explicit_faces(BitReader& in, RecordId record, RecordPart
         return false;
     }
     if (!check_bits(in, record)) return false;
-    if (parts.size() >= summary_.parts) {
-      return fail(in, record, "parts so far", parts.size() + 1, "at most", summary_.parts);
-    }
     if (more) part.next = PartIndex{static_cast<std::uint32_t>(parts.size() + 1)};
     parts.push_back(part);
   }

@@ -33,7 +33,8 @@ class RecordReader {
     return moved(before, finish_number(in, symbol - RecentFaces::kSize));
   }
   /// Reads the code after the anchor. Appends the parts of the record in the form of RegionData and sets `residuals`.
-  /// Returns false and sets error() if the bits are not a code, or if an id or count exceeds the limit in the summary.
+  /// Returns false and sets error() if the bits are not a code, if an id exceeds the limit in the summary, or if the
+  /// record changes more than kMaxChanges faces. The result does not depend on the records that were read before.
   [[nodiscard]] bool get(BitReader& in, RecordId record, FaceId anchor, std::vector<RecordPart>& parts,
                          PositionPredictor::Residuals& residuals);
   /// Description of the last error, with the number of the record.

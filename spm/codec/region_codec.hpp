@@ -17,8 +17,8 @@
 namespace tactus::spm::codec {
 
 /// Encodes the region with the records in `missing`: a subset of the region's list, as ascending intervals with at
-/// least one number between two of them. Fails if the bytes of the list or of these records are damaged. Costs as much as
-/// CompressedModel::put_records; allocates.
+/// least one number between two of them. Fails if the bytes of the list or of these records are damaged, or if the list
+/// does not have these records. Costs as much as CompressedModel::put_records; allocates.
 Result<Bytes> encode_region(const CompressedModel& model, RegionId region, std::span<const Interval> missing);
 
 /// A record in a message: its anchor, and the bits of its code without the anchor.
@@ -28,11 +28,23 @@ struct RecordCode {
   std::uint64_t bits;   ///< number of bits
 };
 
-/// Decodes bytes that are not trusted. Uses at most a small multiple of their size as memory. Checks everything that
-/// does not depend on the receiver's state: form and order of the intervals, every code, and every id against the
-/// counts of `summary`. Less than 0.1 us a record; allocates. If `codes` is not null, sets it to the records of the
-/// message, in order.
+/// A message whose records are checked, but not decoded.
+struct RegionCodes {
+  RegionId region{};
+  std::vector<Interval> list, sent;  ///< as in RegionData
+  std::vector<RecordCode> codes;     ///< of the sent records, in order
+  bool is_too_long = false;          ///< the list has too many records; `list`, `sent` and `codes` are empty
+};
+
+/// Decodes bytes that are not trusted. Checks everything that does not depend on the receiver's state: form and order of
+/// the intervals, every code, and every id and count against the counts of `summary`. Less than 0.1 us a record;
+/// allocates up to 200 bytes for each byte of the message.
 Result<RegionData> decode_region(std::span<const std::uint8_t> bytes, const ModelSummary& summary,
-                                 const RecordTables& tables, std::vector<RecordCode>* codes = nullptr);
+                                 const RecordTables& tables);
+
+/// Checks a message as decode_region does. Allocates at most 50 bytes for each of `max_records`. If the list has more
+/// records, checks nothing after that.
+Result<RegionCodes> check_region(std::span<const std::uint8_t> bytes, const ModelSummary& summary,
+                                 const RecordTables& tables, std::uint32_t max_records);
 
 }  // namespace tactus::spm::codec

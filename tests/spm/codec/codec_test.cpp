@@ -310,6 +310,21 @@ TEST_F(RegionCodec, RefusesMoreSentRecordsThanTheMessageHasBytesFor) {
   EXPECT_THAT(decoded.error().text, HasSubstr("number of sent records"));
 }
 
+TEST_F(RegionCodec, RefusesToEncodeRecordsThatAreNotInTheList) {
+  std::uint32_t region = 0;
+  while (whole_list(model_, RegionId{region}).size() < 2) ++region;
+  const std::vector<spm::Interval> list = whole_list(model_, RegionId{region});
+  const std::uint32_t after_first = list[0].first + list[0].count, end = list.back().first + list.back().count;
+  for (const spm::Interval& no_subset :
+       {spm::Interval{after_first, 1}, spm::Interval{list[0].first, list[0].count + 1}, spm::Interval{end - 1, 2},
+        spm::Interval{end, 1}, spm::Interval{model_.summary.records + 1000, 1}, spm::Interval{kNone - 1, 1}}) {
+    const std::vector<spm::Interval> sent{no_subset};
+    const Result<Bytes> message = encode_region(encoded_.compressed(), RegionId{region}, sent);
+    ASSERT_FALSE(message) << no_subset.first << " + " << no_subset.count;
+    EXPECT_THAT(message.error().text, HasSubstr("its list lacks a record"));
+  }
+}
+
 class RecordErrors : public RegionCodec {
  protected:
   /// Returns the error of reading record 0 from `codes`, which begin with its anchor.

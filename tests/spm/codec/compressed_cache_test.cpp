@@ -13,6 +13,7 @@
 #include "spm/offline/generate.hpp"
 #include "tests/support/hrtc_model.hpp"
 #include "tests/support/loaded_records.hpp"
+#include "tests/support/random_model.hpp"
 
 namespace tactus::spm::codec {
 namespace {
@@ -73,10 +74,11 @@ TEST_F(CompressedCacheTest, RestoresAllRecordsOfTheModel) {
   for (std::uint32_t region = 0; region < regions(); ++region) ASSERT_EQ(put(region).status, Status::kStored) << region;
   for (std::uint32_t region = 0; region < regions(); ++region) {
     RegionList list;
-    const RegionData& data = compressed_cache_.get(kObject, RegionId{region});
-    ASSERT_EQ(hrtc.accept(data, list), AcceptResult::kAccepted) << region;
+    const RegionData* data = compressed_cache_.get(kObject, RegionId{region});
+    ASSERT_NE(data, nullptr);
+    ASSERT_EQ(hrtc.accept(*data, list), AcceptResult::kAccepted) << region;
     compressed_cache_.mark_loaded(kObject, RegionId{region});
-    ASSERT_THAT(compressed_cache_.get(kObject, RegionId{region}).parts, IsEmpty()) << "all records are loaded";
+    ASSERT_THAT(compressed_cache_.get(kObject, RegionId{region})->parts, IsEmpty()) << "all records are loaded";
   }
   EXPECT_EQ(test_support::loaded_difference(built_->model(), hrtc.pool()), "");
   EXPECT_THAT(compressed_cache_.violations(), IsEmpty());
@@ -116,12 +118,13 @@ class CompressedCacheCounters : public CompressedCacheTest {
   void SetUp() override {
     constexpr std::uint64_t kAnchorBits = 28, kBlockBits = 128;
     for (std::uint32_t region = 0; region < regions(); ++region) {
-      std::vector<RecordCode> codes;
-      ASSERT_TRUE(decode_region(message(region), summary(), encoded_->compressed().tables(), &codes));
+      const Result<RegionCodes> checked =
+          check_region(message(region), summary(), encoded_->compressed().tables(), kBlocks);
+      ASSERT_TRUE(checked);
       const std::set<std::uint32_t> records = records_of(region);
-      ASSERT_EQ(codes.size(), records.size());
+      ASSERT_EQ(checked->codes.size(), records.size());
       auto record = records.begin();
-      for (const RecordCode& code : codes)
+      for (const RecordCode& code : checked->codes)
         reference_.record_blocks[*record++] =
             static_cast<std::uint32_t>((kAnchorBits + code.bits + kBlockBits - 1) / kBlockBits);
     }
@@ -225,6 +228,100 @@ TEST_F(CompressedCacheTest, ARegionThatDoesNotFitIsRefusedWithTheBlocksThatItNee
   }
   EXPECT_EQ(small.blocks_free(), 1000u);
   EXPECT_EQ(small.blocks_retired(), 0u);
+}
+
+TEST_F(CompressedCacheTest, AListWithMoreRecordsThanTheCacheHasBlocksIsRefusedBeforeItsRecordsAreRead) {
+  const auto listed = static_cast<std::uint32_t>(records_of(0).size());
+  Bytes cut = message(0);
+  cut.resize(cut.size() - 1);
+  const auto put = [&](std::uint32_t blocks) {
+    CompressedCache cache{blocks};
+    cache.admit(kObject, summary(), encoded_->compressed().tables());
+    return cache.put(kObject, RegionId{0}, cut);
+  };
+
+  EXPECT_EQ(put(listed).status, Status::kMalformed) << "the message is truncated";
+  const CompressedCache::PutResult small = put(listed - 1);
+  EXPECT_EQ(small.status, Status::kFull);
+  EXPECT_EQ(small.blocks, listed) << "more than the cache has";
+}
+
+TEST_F(CompressedCacheTest, AListWithManyIntervalsIsRefusedWithoutMemoryForThem) {
+  BitWriter out;
+  out.put(0, 32);
+  put_length_prefixed(out, kBlocks + 1);
+  Bytes message = out.take();
+  message.resize(1 << 14);
+
+  const Result<RegionCodes> checked = check_region(message, summary(), encoded_->compressed().tables(), kBlocks);
+
+  ASSERT_TRUE(checked);
+  EXPECT_TRUE(checked->is_too_long);
+  EXPECT_EQ(checked->list.capacity(), 0u);
+}
+
+/// A model in which most records have a code in the explicit form.
+class ExplicitRecords : public ::testing::Test {
+ protected:
+  [[nodiscard]] std::vector<spm::Interval> list_of(std::uint32_t region) const {
+    return encoded_.compressed().intervals_of(RegionId{region});
+  }
+  /// Returns the listed records of `region` that are not in the list of `other`.
+  [[nodiscard]] std::vector<spm::Interval> difference(std::uint32_t region, std::uint32_t other) const {
+    std::vector<bool> present(owned_.summary.records, false);
+    for (const spm::Interval& interval : list_of(other))
+      std::fill_n(present.begin() + interval.first, interval.count, true);
+    std::vector<spm::Interval> missing;
+    for (const spm::Interval& interval : list_of(region))
+      for (std::uint32_t r = interval.first; r != interval.first + interval.count; ++r) {
+        if (present[r]) continue;
+        if (!missing.empty() && missing.back().first + missing.back().count == r)
+          ++missing.back().count;
+        else
+          missing.push_back({r, 1});
+      }
+    return missing;
+  }
+  [[nodiscard]] Bytes message(std::uint32_t region, const std::vector<spm::Interval>& sent) const {
+    return *encode_region(encoded_.compressed(), RegionId{region}, sent);
+  }
+  [[nodiscard]] std::uint32_t parts_in(const Bytes& message) const {
+    return static_cast<std::uint32_t>(
+        decode_region(message, owned_.summary, encoded_.compressed().tables())->parts.size());
+  }
+
+  OwnedModel owned_ = test_support::random_model(kCacheSeed, 300, 3);
+  EncodedModel encoded_{owned_.model()};
+};
+
+// A host states the number of parts of the model. A message with more parts is malformed, but a region can have the
+// records of several messages.
+TEST_F(ExplicitRecords, ARegionOfTwoMessagesCanHaveMorePartsThanTheHostStates) {
+  std::uint32_t parts = 0, excess = 0;
+  ModelSummary stated = owned_.summary;
+  RegionId a{}, b{};
+  for (std::uint32_t i = 0; i < owned_.summary.regions; ++i)
+    for (std::uint32_t k = 0; k < owned_.summary.regions; ++k) {
+      const std::uint32_t all = parts_in(message(k, list_of(k)));
+      const std::uint32_t limit = std::max(parts_in(message(i, list_of(i))), parts_in(message(k, difference(k, i))));
+      if (all < limit || all - limit <= excess) continue;
+      parts = all;
+      excess = all - limit;
+      stated.parts = limit;
+      a = RegionId{i};
+      b = RegionId{k};
+    }
+  ASSERT_GT(excess, 10u);
+  const Bytes first = message(index(a), list_of(index(a))), second = message(index(b), difference(index(b), index(a)));
+  CompressedCache cache{kBlocks};
+  cache.admit(ObjectIndex{0}, stated, encoded_.compressed().tables());
+  ASSERT_EQ(cache.put(ObjectIndex{0}, a, first).status, Status::kStored);
+  ASSERT_EQ(cache.put(ObjectIndex{0}, b, second).status, Status::kStored);
+
+  const RegionData* data = cache.get(ObjectIndex{0}, b);
+
+  ASSERT_NE(data, nullptr);
+  EXPECT_EQ(data->parts.size(), parts);
 }
 
 TEST_F(CompressedCacheTest, RefusesTheMessageOfAnotherRegionATruncatedMessageAndARepeatedMessage) {
