@@ -35,8 +35,9 @@ template <class Sample>
 namespace topics {
 
 inline constexpr TopicSpec<session::RosterEntry> kRoster{"tactus_roster", TrafficClass::kSession, "roster", 500};
+/// A late joiner receives all entries of a host at once, so its readers accept that many (RateLimit).
 inline constexpr TopicSpec<session::CatalogueEntry> kCatalogue{"tactus_catalogue", TrafficClass::kSession, "catalogue",
-                                                               1000};
+                                                               8 * 1024};
 inline constexpr TopicSpec<session::Demand> kDemand{"tactus_demand", TrafficClass::kSession, "demand", 50'000};
 inline constexpr TopicSpec<session::Metrics> kMetrics{"tactus_metrics", TrafficClass::kSession, "metrics", 200};
 inline constexpr TopicSpec<session::ShownRegions> kShownRegions{"tactus_shown_regions", TrafficClass::kSession,

@@ -115,6 +115,21 @@ TEST_F(TwoPrograms, ALateJoinerReceivesTheNewestEntryOfEachObject) {
               testing::UnorderedElementsAre(testing::Pair("a", 2u), testing::Pair("b", 2u), testing::Pair("c", 2u)));
 }
 
+TEST_F(TwoPrograms, ALateJoinerReceivesAllEntriesOfAHostAtOnce) {
+  constexpr std::uint32_t kObjects = 400;
+  Writer<ses::CatalogueEntry> writer{alpha_, topics::kCatalogue};
+  auto entry = full_sample<ses::CatalogueEntry>(alpha_);
+  for (std::uint32_t i = 0; i < kObjects; ++i) {
+    entry.object = "object" + std::to_string(i);
+    entry.object_id = ses::id_of(entry.object);
+    ASSERT_EQ(writer.send(entry), SendStatus::kSent);
+  }
+  std::atomic<std::uint32_t> arrived{0};
+  Reader<ses::CatalogueEntry> reader{beta_, topics::kCatalogue, [&](ses::CatalogueEntry&&) { ++arrived; }};
+  EXPECT_TRUE(eventually([&] { return arrived == kObjects; })) << arrived;
+  EXPECT_EQ(reader.counts().excess, 0u);
+}
+
 TEST_F(TwoPrograms, TheLargestSamplesArrive) {
   const std::string name(ses::kMaxName, 'n');
   auto roster = full_sample<ses::RosterEntry>(alpha_);
