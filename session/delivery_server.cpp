@@ -316,6 +316,15 @@ bool DeliveryServer::plan(Service& service, std::uint64_t object_id, std::size_t
   return false;
 }
 
+/// Drops a message whose bytes in the model are no longer those that `plan` has checked, as in an overwritten file.
+void DeliveryServer::drop_changed(HrtcState& state, Service& service, std::uint64_t object_id, const Message& message) {
+  add_damage(object_id, message.region, "its bytes have changed since they were loaded");
+  service.messages.erase(service.messages.begin() + (&message - service.messages.data()));
+  service.compared_have.reset();  // the HRTC does not have the records of the message
+  service.compare_due = true;
+  count(state, [](DeliveryCounters& c) { ++c.messages_dropped; });
+}
+
 void DeliveryServer::add_damage(std::uint64_t object_id, std::uint32_t region, const std::string& damage) {
   Object& object = objects_.at(object_id);
   object.damaged_regions.insert(region);
@@ -441,7 +450,10 @@ std::optional<BulkPiece> DeliveryServer::next_piece(HrtcState& state, Service& s
     bytes = object.model.spans().base;
   } else if (is_repeated && message != service.partly_sent()) {
     auto again = spm::codec::encode_region(object.model, spm::RegionId{message->region}, message->records);
-    if (!again) return std::nullopt;  // not possible: `plan` has checked these bytes
+    if (!again || again->size() != message->pieces.bytes || checksum_of(*again) != message->checksum) {
+      drop_changed(state, service, object_id, *message);
+      return std::nullopt;
+    }
     encoded = std::move(*again);
     bytes = std::span<const std::uint8_t>{encoded};
   }

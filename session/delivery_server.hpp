@@ -197,6 +197,7 @@ class DeliveryServer {
   [[nodiscard]] static Message* first_lost(Service& service, std::size_t free_bytes = kMaxPayload);
   [[nodiscard]] static std::optional<std::uint32_t> urgency(Service& service);
   [[nodiscard]] bool plan(Service& service, std::uint64_t object_id, std::size_t free_bytes);
+  void drop_changed(HrtcState& state, Service& service, std::uint64_t object_id, const Message& message);
   void add_damage(std::uint64_t object_id, std::uint32_t region, const std::string& damage);
   [[nodiscard]] static std::uint64_t unanswered(const HrtcState& state);
   [[nodiscard]] std::optional<Outgoing> next(std::uint64_t hrtc, HrtcState& state, std::int64_t now_ns);

@@ -29,8 +29,8 @@ struct Provenance {
   CleanReport cleaned;
 };
 
-/// Writes a temporary file in the folder of `path`, syncs and renames it, so that `path` is never incomplete. If that
-/// fails, removes the temporary file and throws ModelError that names path and cause.
+/// Writes a temporary file in the folder of `path`, syncs and renames it, so that `path` is never incomplete. Throws
+/// ModelError that names path and cause if that fails, or if the base mesh has violations; then no new file remains.
 void write_model(const std::filesystem::path& path, const Model& model, const Provenance& provenance);
 
 /// True if the file can be read and has the magic of an `.spm` file.
@@ -38,6 +38,9 @@ void write_model(const std::filesystem::path& path, const Model& model, const Pr
 
 /// A model file mapped into memory. Codes and lists, which are nearly all of the file, are checked block by block when
 /// they are used (CompressedModel::damage). So a large file opens without being read. Move only.
+///
+/// The file must not become shorter while it is mapped: a read beyond its end raises SIGBUS. If its bytes change, reads
+/// return wrong bytes, which do no harm. To replace the file, rename another one to its name, as write_model does.
 class MappedModel {
  public:
   /// Checks size, version, and all sections but codes and lists. O(base mesh + regions). Throws ModelError that names

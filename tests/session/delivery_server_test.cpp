@@ -342,6 +342,33 @@ TEST_F(DeliveryServerTest, SendsALostPieceAgainUnchangedUnderANewSequence) {
       << "the lost piece was sent again only once";
 }
 
+TEST_F(DeliveryServerTest, ALostPieceOfARegionWhoseBytesHaveChangedIsNotSentAgain) {
+  spm::codec::ModelSpans spans = encoded_.compressed().spans();
+  spm::codec::Bytes codes{spans.codes.begin(), spans.codes.end()};  // as a file that another program overwrites
+  spans.codes = codes;
+  server_.add(kObject, *spm::codec::CompressedModel::open(spans));
+  Demand demand = make_demand(1, {3});
+  demand.have = {{0, 2}};
+  submit(demand);
+  const std::vector<BulkChunk> sent = drain_window();
+  const BulkPiece last = pieces_in(sent).back();
+  ASSERT_EQ(last.index + 1, last.count);
+  ASSERT_GT(sent.size(), 1u);
+  std::fill(codes.begin(), codes.end(), std::uint8_t{0});
+
+  demand = make_demand(2, {3});
+  demand.have = {{0, 2}};
+  demand.newest = sent.back().sequence;
+  demand.gaps = {{sent[0].sequence, 1}};
+  submit(demand);
+
+  EXPECT_THAT(pieces_in(drain()), testing::IsEmpty());
+  EXPECT_EQ(server_.counters().messages_dropped, 1u);
+  const std::vector<DeliveryServer::Damage> damage = server_.take_damage();
+  ASSERT_EQ(damage.size(), 1u);
+  EXPECT_THAT(damage.front().text, testing::HasSubstr("have changed"));
+}
+
 TEST_F(DeliveryServerTest, ALostPieceThatReliesOnARetiredRegionIsNotSentAgain) {
   Demand demand = make_demand(1, {3});
   demand.have = {{0, 2}};
