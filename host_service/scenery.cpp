@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
 
 #include "spm/codec/load_region.hpp"
 #include "spm/directory.hpp"
@@ -45,6 +46,7 @@ struct Scenery::Object {
   spm::CellBox bounds;
   std::unique_ptr<spm::Forest> forest;
   std::vector<spm::RegionId> loaded_regions;
+  std::set<spm::RegionId> damaged_regions;  // found so far
 };
 
 Scenery::Scenery(const std::vector<StaticObject>& objects, std::uint32_t slots)
@@ -112,9 +114,12 @@ void Scenery::refine_around(const std::vector<Vec3d>& points) {
     Object& object = *objects_[i];
     for (const spm::RegionId region : wanted[i]) {
       if (full || loaded == kMaxNew) break;
-      if (object.forest->is_loaded(region)) continue;
+      if (object.forest->is_loaded(region) || object.damaged_regions.count(region) != 0) continue;
       const spm::AcceptResult result = load(object, region);
-      if (result == spm::AcceptResult::kMalformed) continue;  // damaged: stays coarse
+      if (result == spm::AcceptResult::kMalformed) {  // stays coarse
+        object.damaged_regions.insert(region);
+        ++regions_damaged_;
+      }
       full = result == spm::AcceptResult::kPoolFull;
       ++loaded;
     }

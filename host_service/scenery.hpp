@@ -42,6 +42,8 @@ class Scenery {
   [[nodiscard]] bool is_exact(const haptics::Vec3d& centre, double radius) const;
   /// Returns the number of regions decoded since the construction.
   [[nodiscard]] std::uint64_t regions_loaded() const noexcept { return regions_loaded_; }
+  /// Returns the number of regions that could not be decoded since the construction.
+  [[nodiscard]] std::uint64_t regions_damaged() const noexcept { return regions_damaged_; }
 
  private:
   struct Object;
@@ -54,7 +56,7 @@ class Scenery {
   spm::Cache cache_;
   std::vector<std::unique_ptr<Object>> objects_;
   sharing::Scene scene_;
-  std::uint64_t regions_loaded_ = 0;
+  std::uint64_t regions_loaded_ = 0, regions_damaged_ = 0;
 };
 
 }  // namespace tactus::host_service

@@ -133,6 +133,22 @@ TEST(Scenery, DamagedRegionsStayCoarseAndDoNotKeepOthersFromBeingLoaded) {
   EXPECT_GT(some, all / 8) << "only few of the regions need the damaged block";
 }
 
+TEST(Scenery, ADamagedRegionIsDecodedOnce) {
+  const test_support::DamagedModel damaged{test_support::organ_of_several_blocks().compressed()};
+  const spm::codec::CompressedModel& model = damaged.compressed();
+  std::uint64_t damaged_regions = 0;
+  for (std::uint32_t region = 0; region < model.summary().regions; ++region)
+    damaged_regions += damaged.is_damaged(region) ? 1 : 0;
+  Scenery scenery{{StaticObject{{}, 1, &model}}};
+  std::vector<Vec3d> points;
+  for (const auto& vertex : model.base().positions) points.push_back(Vec3d{vertex[0], vertex[1], vertex[2]});
+
+  for (int call = 0; call < 200; ++call) scenery.refine_around(points);
+
+  EXPECT_GT(scenery.regions_damaged(), 0u);
+  EXPECT_LE(scenery.regions_damaged(), damaged_regions);
+}
+
 TEST(Scenery, RegionsWithoutContactsFreeTheirSlotsForOthers) {
   Scenery scenery{{organ().object()}, 6000};
   std::uint64_t exact = 0, requested = 0;
