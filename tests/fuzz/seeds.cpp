@@ -51,7 +51,7 @@ class Seeds {
 };
 
 void add_models(Seeds& seeds) {
-  const spm::OwnedModel owned = test_support::random_model(1, 500, 3);  // as in region.cpp
+  const spm::OwnedModel owned = test_support::random_model(1, 500, 3);  // as in region.cpp and cache.cpp
   const spm::codec::EncodedModel encoded{owned.model()};
   const spm::codec::CompressedModel& model = encoded.compressed();
   seeds.add("base", model.spans().base);
@@ -59,6 +59,24 @@ void add_models(Seeds& seeds) {
     const std::vector<spm::Interval> list = model.intervals_of(spm::RegionId{region});
     seeds.add("region", *spm::codec::encode_region(model, spm::RegionId{region}, list));
   }
+  Bytes operations;  // as in cache.cpp
+  for (std::uint8_t region = 0; region < model.summary().regions && region < 5; ++region) {
+    std::vector<spm::Interval> missing = model.intervals_of(spm::RegionId{region});
+    if (region > 0) missing.clear();  // incomplete, unless region 0 lists all records
+    for (const bool is_whole : {false, true}) {
+      if (is_whole) missing = model.intervals_of(spm::RegionId{region});
+      const Bytes message = *spm::codec::encode_region(model, spm::RegionId{region}, missing);
+      operations.insert(operations.end(), {0, region, static_cast<std::uint8_t>(message.size()),
+                                           static_cast<std::uint8_t>(message.size() >> 8)});
+      operations.insert(operations.end(), message.begin(), message.end());
+    }
+    for (const int operation : {1, 3, 4, 2})
+      operations.insert(operations.end(), {static_cast<std::uint8_t>(operation), region, 0, 0});
+    seeds.add("cache", operations);
+  }
+  for (std::uint8_t region = 0; region < 5; ++region)
+    operations.insert(operations.end(), {3, region, 0, 0, 5, region, 0, 0});
+  seeds.add("cache", operations);
   spm::offline::write_model(seeds.next("model_file"), owned.model(), {"seed.obj", {}});
 }
 
