@@ -57,8 +57,8 @@ class CompressedCache {
     std::uint32_t blocks_if_empty = 0;  ///< number of blocks that list and message would take in an empty cache
     std::string error;
   };
-  /// Stores a message with this region. If the status is not kStored, the cache is unchanged. Checks the message, unless
-  /// its list has more records than the cache has blocks. O(list + message).
+  /// Stores a message with this region. If the status is not kStored, the cache is unchanged. Checks the message; if
+  /// its list has more records than the cache has blocks, returns kFull and does not check the rest. O(list + message).
   [[nodiscard]] PutResult put(ObjectIndex object, RegionId region, std::span<const std::uint8_t> message);
 
   [[nodiscard]] bool holds(ObjectIndex object, RegionId region) const noexcept {

@@ -96,7 +96,8 @@ class RegionDecoder {
     return refuse(what + (": found " + text(found)) + ", expected " + relation + " " + text(expected));
   }
 
-  /// Reads region, list and sent records. Sets `is_too_long_` and returns false if the list has more than `max_records`.
+  /// Reads region, list and sent records. If the list has more than `max_records`, sets `is_too_long_` and returns
+  /// false.
   bool get_lists(std::uint32_t max_records) {
     const auto region = static_cast<std::uint32_t>(in_.get(kIdBits));
     if (in_.ok() && region >= summary_.regions) return refuse("region id", region, "below", summary_.regions);

@@ -36,8 +36,8 @@ struct RegionCodes {
   bool is_too_long = false;          ///< the list has too many records; `list`, `sent` and `codes` are empty
 };
 
-/// Decodes bytes that are not trusted. Checks everything that does not depend on the receiver's state: form and order of
-/// the intervals, every code, and every id and count against the counts of `summary`. Less than 0.1 us a record;
+/// Decodes bytes that are not trusted. Checks everything that does not depend on the receiver's state: form and order
+/// of the intervals, every code, and every id and count against the counts of `summary`. Less than 0.1 us a record;
 /// allocates up to 200 bytes for each byte of the message.
 Result<RegionData> decode_region(std::span<const std::uint8_t> bytes, const ModelSummary& summary,
                                  const RecordTables& tables);
