@@ -56,8 +56,8 @@ struct tactus_device_pose {
   double position[3];    /* of the tip, m */
   double velocity[3];    /* m/s */
   double orientation[4]; /* x, y, z, w, of unit length */
-  int64_t time_ns;       /* time of the measurement, CLOCK_MONOTONIC; a pose with the same time as the one before is no
-                          * news, and a time more than 0.5 s in the future is a failure */
+  int64_t time_ns;       /* time of the measurement, CLOCK_MONOTONIC; a pose with the same time as the one before is as
+                          * old, and a time more than 0.5 s in the future is a failure */
   uint32_t buttons;      /* bit 0: the clutch: the device moves and the tip does not;
                           * bit 1: the grab: the hand holds a movable object that it touches;
                           * bit 2: an emergency stop: forces are off until it is released and a reset follows */

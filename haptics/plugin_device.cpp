@@ -96,19 +96,19 @@ DeviceState PluginDevice::read(std::int64_t now_ns) noexcept {
     return state_;
   }
   state_.buttons = pose.buttons;
-  if (std::exchange(pose_time_ns_, pose.time_ns) == pose.time_ns) return state_;  // no news
+  state_.position = {pose.position[0], pose.position[1], pose.position[2]};
+  state_.orientation = {pose.orientation[3], pose.orientation[0], pose.orientation[1], pose.orientation[2]};
+  if (has_velocity_) state_.velocity = {pose.velocity[0], pose.velocity[1], pose.velocity[2]};
+  if (std::exchange(pose_time_ns_, pose.time_ns) == pose.time_ns) return state_;  // the pose becomes older
   // A later time would make the pose new for longer.
   const std::int64_t time_ns = std::clamp<std::int64_t>(pose.time_ns, 0, now_ns);
-  const Vec3d position{pose.position[0], pose.position[1], pose.position[2]};
   const double passed = static_cast<double>(time_ns - state_.time_ns) * 1e-9;
-  if (has_velocity_)
-    state_.velocity = {pose.velocity[0], pose.velocity[1], pose.velocity[2]};
-  else if (has_pose_ && passed > 0)
-    state_.velocity += ((position - state_.position) / passed - state_.velocity) * (1 - std::exp(-passed / kSmoothing));
-  has_pose_ = position.allFinite() && state_.velocity.allFinite();
+  if (!has_velocity_ && has_pose_ && passed > 0)
+    state_.velocity +=
+        ((state_.position - timed_position_) / passed - state_.velocity) * (1 - std::exp(-passed / kSmoothing));
+  has_pose_ = state_.position.allFinite() && state_.velocity.allFinite();
   if (!has_pose_ && !has_velocity_) state_.velocity.setZero();  // the filter starts anew with the next position
-  state_.position = position;
-  state_.orientation = {pose.orientation[3], pose.orientation[0], pose.orientation[1], pose.orientation[2]};
+  timed_position_ = state_.position;
   state_.time_ns = time_ns;
   return state_;
 }

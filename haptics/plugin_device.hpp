@@ -49,6 +49,7 @@ class PluginDevice final : public Device {
   bool has_velocity_ = false;
   bool writes_torque_ = false;
   DeviceState state_;
+  Vec3d timed_position_ = Vec3d::Zero();  // position when the time of the pose last changed
   std::int64_t pose_time_ns_ = std::numeric_limits<std::int64_t>::min();  // of the newest pose, from the driver
   bool has_pose_ = false;
   bool failed_ = false;

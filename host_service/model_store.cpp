@@ -10,8 +10,10 @@
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <ctime>
 #include <fstream>
 #include <future>
+#include <limits>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -68,9 +70,17 @@ class Hasher {
   }();
 };
 
+/// The time now by the clock with which the system marks changes of files, s since 1970.
+double file_time() {
+  timespec now{};
+  ::clock_gettime(CLOCK_REALTIME, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
 /// Returns a hash of a model and of the files that its reader requests. Reads each file once, and none that the reader
-/// would not get.
-std::uint64_t content_hash(const std::filesystem::path& model, const FileNames& requested) {
+/// would not get. Throws ModelError if one of them has changed since `read_from` (file_time), from which on the reader
+/// has read them: the hash would be that of another content.
+std::uint64_t content_hash(const std::filesystem::path& model, const FileNames& requested, double read_from) {
   Hasher hasher;
   hasher.add(kBuilderVersion);
   hasher.add(spm::offline::kModelFileVersion);
@@ -82,6 +92,11 @@ std::uint64_t content_hash(const std::filesystem::path& model, const FileNames& 
     const std::unique_ptr<std::FILE, decltype(&std::fclose)> file{::fdopen(descriptor, "rb"), &std::fclose};
     struct stat status {};
     if (!file || ::fstat(descriptor, &status) != 0) throw ModelError{model.string() + ": cannot read the file " + name};
+    const double changed =
+        static_cast<double>(status.st_ctim.tv_sec) + 1e-9 * static_cast<double>(status.st_ctim.tv_nsec);
+    if (changed >= read_from)
+      throw ModelError{model.string() + ": the file " + name +
+                       " changed while it was read; start again when it is whole"};
     const auto [found, is_new] = numbers.try_emplace({status.st_dev, status.st_ino}, numbers.size() + 1);
     if (is_new && !hasher.add_file(*file)) throw ModelError{model.string() + ": cannot read the file " + name};
     return found->second;
@@ -107,19 +122,20 @@ struct CacheEntry {
 };
 
 CacheEntry cache_entry(const std::filesystem::path& cache, const std::filesystem::path& model,
-                       const FileNames& requested) {
-  const std::uint64_t content = content_hash(model, {});
+                       const FileNames& requested, double read_from) {
+  const std::uint64_t content = content_hash(model, {}, read_from);
   return {entry(cache, content, ".files"),
-          entry(cache, requested.empty() ? content : content_hash(model, requested), ".spm")};
+          entry(cache, requested.empty() ? content : content_hash(model, requested, read_from), ".spm")};
 }
 
 /// Returns the entry for the names that the cache has for this model.
 CacheEntry find_entry(const std::filesystem::path& cache, const std::filesystem::path& model) {
-  const CacheEntry alone = cache_entry(cache, model, {});
+  constexpr double kNever = std::numeric_limits<double>::infinity();  // no reader has read them yet
+  const CacheEntry alone = cache_entry(cache, model, {}, kNever);
   std::ifstream file{alone.names, std::ios::binary};
   FileNames requested;
   for (std::string name; std::getline(file, name, '\0');) requested.insert(name);
-  return requested.empty() ? alone : cache_entry(cache, model, requested);
+  return requested.empty() ? alone : cache_entry(cache, model, requested, kNever);
 }
 
 void write_names(const std::filesystem::path& path, const FileNames& requested) {
@@ -213,6 +229,7 @@ struct Built {
 Built build(const std::filesystem::path& cache, const std::filesystem::path& model, LogLines& lines) {
   lines.add(model.string() + ": building");
   std::string last_stage;
+  const double read_from = file_time();
   Built built;
   built.model = spm::offline::build_model_file(
       model, {},
@@ -224,7 +241,7 @@ Built build(const std::filesystem::path& cache, const std::filesystem::path& mod
       },
       [&](const FileNames& requested) {
         built.requested = requested;
-        built.entry = cache_entry(cache, model, requested);  // before the files change during a long build
+        built.entry = cache_entry(cache, model, requested, read_from);  // before the files change during a long build
       });
   return built;
 }

@@ -197,7 +197,8 @@ std::vector<DeliveryClient::Message> DeliveryClient::on_chunk(const BulkChunk& c
     return {};
   }
   Stream& stream = at->second;
-  if (chunk.senders && std::find(chunk.senders->begin(), chunk.senders->end(), stream.host) == chunk.senders->end()) {
+  if (chunk.is_from_member &&
+      std::find(chunk.senders.begin(), chunk.senders.end(), stream.host) == chunk.senders.end()) {
     ++counters_.foreign;
     return {};
   }

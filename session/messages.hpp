@@ -165,9 +165,10 @@ struct BulkChunk {
   std::uint32_t epoch = 0;     ///< newest epoch of a demand that the host has received from this HRTC for this object
   std::uint32_t sent_us = 0;   ///< sender's monotonic clock, modulo 2^32
   std::vector<BulkPiece> pieces;  ///< pieces of base meshes or of regions, not both; empty: an echo
-  /// Set by the receiver, not sent: ids of the programs of the member whose keys prove that it has sent the chunk; empty
-  /// if none is known. nullopt: without keys.
-  std::optional<std::vector<std::uint64_t>> senders;
+  // Set by the receiver, not sent:
+  bool is_from_member = false;  ///< the session has keys, so `senders` counts
+  std::vector<std::uint64_t>
+      senders;  ///< ids of the programs of the member that has sent the chunk; empty: none is known
 
   [[nodiscard]] BulkKind kind() const noexcept {
     return pieces.empty() ? BulkKind::kEcho : pieces.front().region == spm::kNone ? BulkKind::kBase : BulkKind::kRegion;

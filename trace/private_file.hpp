@@ -36,12 +36,17 @@ class PrivateFile {
   PrivateFile(const PrivateFile&) = delete;
   PrivateFile& operator=(const PrivateFile&) = delete;
 
+  /// Returns whether a PrivateFile of this path can be written now. If not, sets errno. Changes no file.
+  [[nodiscard]] static bool can_write(const std::filesystem::path& path);
+
   [[nodiscard]] std::FILE* get() const noexcept { return file_.get(); }
   /// Writes the buffer of the file, and gives it its name. The file remains open. Returns false if that failed, or if
   /// an earlier write has failed.
   [[nodiscard]] bool commit();
 
  private:
+  [[nodiscard]] static bool can_replace(const std::filesystem::path& path);
+
   std::filesystem::path path_;
   std::filesystem::path unfinished_;  // name of the file until `commit`; empty: it has no such name
   std::unique_ptr<std::FILE, int (*)(std::FILE*)> file_;

@@ -103,8 +103,8 @@ struct Participants::Impl {
   void report_excess(const GuidPrefix& participant, const char* topic) const noexcept;
   /// See Members::report_invalid.
   void report_invalid(const GuidPrefix& participant, const char* topic, const char* reason) const noexcept;
-  /// See Members::ids_of; nullopt without keys.
-  [[nodiscard]] std::optional<std::vector<std::uint64_t>> authors_of(const dds::SampleInfo& sample) const;
+  /// See Members::ids_of. Empty without keys.
+  [[nodiscard]] std::vector<std::uint64_t> authors_of(const dds::SampleInfo& sample) const;
   /// Returns `<session>/<part>`, or `<session>` if `part` is empty. Throws WireError if `part` has a wildcard.
   [[nodiscard]] std::string partition(const std::string& part) const;
 

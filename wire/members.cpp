@@ -71,6 +71,14 @@ std::vector<std::uint64_t> ids_of_names(const keys::Permitted& names) {
   return ids;
 }
 
+/// Returns whether a message of the authentication is for a participant with this certificate
+/// (ParticipantGenericMessage, DDS Security 1.1, 7.4.3).
+bool is_for(const keys::GuidBegin& certificate, const RtpsBytes& payload) {
+  constexpr std::uint32_t kDestinationAt = 52;
+  return payload.size >= kDestinationAt + certificate.size() &&
+         std::equal(certificate.begin(), certificate.end(), payload.at + kDestinationAt);
+}
+
 /// `serials`: of revoked certificates that a newer list lacks.
 std::string text_of_missing(const std::vector<std::string>& serials) {
   constexpr std::size_t kMaxNamed = 20;
@@ -104,7 +112,9 @@ bool Members::admits(const std::uint8_t* message, std::uint32_t size, const Addr
   while (const std::optional<Submessage> found = submessage_at(message, size, at)) {
     const std::optional<RtpsData> data = data_of(*found);
     if (data && data->writer == kAnnouncements && !admits_announcement(data->payload, sender, from)) return false;
-    if (data && data->writer == kAuthentication) handshakes.push_back(data->payload);
+    // The library sends each handshake to all participants, and ignores those for others.
+    if (data && data->writer == kAuthentication && is_for(own_begin_, data->payload))
+      handshakes.push_back(data->payload);
     if (found->last) break;
     at = found->next;
   }
@@ -308,13 +318,14 @@ bool Members::has_room(const std::string& address) const {
 }
 
 /// Returns whether a participant has been silent for so long that the library no longer stores it. The library gets
-/// messages of an unproved one until its lease has ended (has_ended), and stores it for another lease. An unproved one
-/// is recorded for kMaxUnprovedTime, because a new one in its place has new handshakes.
+/// messages of an unproved one until its lease has ended (has_ended), and stores it for another lease. One that has
+/// failed is recorded for kMaxUnprovedTime, because a new one in its place has new handshakes.
 bool Members::may_forget(const Participant& participant, std::int64_t now_ns) {
   const std::int64_t silent_ns = now_ns - participant.announced_ns;
   if (participant.is_proved) return silent_ns > kSilentNs;
   return silent_ns > 2 * participant.lease_ns &&
-         now_ns - participant.recorded_ns > std::chrono::nanoseconds{kMaxUnprovedTime}.count();
+         (participant.failed_handshakes == 0 ||
+          now_ns - participant.recorded_ns > std::chrono::nanoseconds{kMaxUnprovedTime}.count());
 }
 
 /// Forgets silent participants if there are too many. At most once in a second, because it takes long.
@@ -513,7 +524,7 @@ void Members::on_authentication(const GuidPrefix& participant, bool succeeded) {
       from->second.give_back(proved.unproved_handshakes);
     proved.unproved_handshakes = 0;
     audit_.add({"joined", stated, "", ""});
-  } else {
+  } else if (!succeeded) {
     if (known != participants_.end() && !known->second.is_proved) ++known->second.failed_handshakes;
     audit_.add({"not authenticated", "", "", stated.empty() ? "" : "states to be " + stated});
   }

@@ -66,15 +66,16 @@ class Members {
   /// to 20 s.
   static constexpr std::chrono::seconds kMaxLease{30};
   /// Time after the first announcement of an unproved participant, after which its announcements are refused for two of
-  /// its leases. Otherwise it could occupy its place for ever. It has its place for at least this time, also if it has
-  /// ended.
+  /// its leases. Otherwise it could occupy its place for ever. One whose handshake has failed has its place for
+  /// at least this time, also if it has ended.
   static constexpr std::chrono::seconds kMaxUnprovedTime{30};
   /// Longer than the handshake takes if many of its messages are lost: the library repeats each after half a second.
   static constexpr std::chrono::seconds kMaxHandshake{10};
-  /// Messages of handshakes that the library reads from each participant: in a second, and at once. Each one costs it a
+  /// Messages of handshakes with programs of these keys that the library reads from each participant: in a second, and
+  /// at once. There may be several such programs, and each gets the messages for all. Each one costs the library a
   /// verified signature, and with Fast DDS 2.9.1 some 4 KB that it never frees: PKIDH::begin_handshake_reply reads the
   /// certificate of the sender again after each failure.
-  static constexpr std::uint32_t kMaxHandshakeRate = 2, kMaxHandshakeBurst = 8;
+  static constexpr std::uint32_t kMaxHandshakeRate = 2, kMaxHandshakeBurst = 32;
   /// Failures after which the library reads no further handshakes of a participant.
   static constexpr int kMaxFailedHandshakes = 3;
   /// Messages of handshakes that the library reads from all unproved participants and from those of one address: in a

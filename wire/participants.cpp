@@ -319,8 +319,8 @@ void Participants::Impl::report_invalid(const GuidPrefix& participant, const cha
 } catch (...) {  // out of memory: the audit log lacks an event
 }
 
-std::optional<std::vector<std::uint64_t>> Participants::Impl::authors_of(const dds::SampleInfo& sample) const {
-  if (security == nullptr) return std::nullopt;
+std::vector<std::uint64_t> Participants::Impl::authors_of(const dds::SampleInfo& sample) const {
+  if (security == nullptr) return {};
   return security->members().ids_of(prefix_of(sample.sample_identity.writer_guid()));
 }
 

@@ -48,7 +48,10 @@ class SampleFilter {
     if constexpr (requires { sample.user_id; })
       if (user_ != 0 && sample.user_id != user_)
         return refuse_invalid(author, "user_id: expected the user of the partition");
-    if constexpr (!kHasOrigin<Sample>) sample.senders = participants_->authors_of(info);
+    if constexpr (!kHasOrigin<Sample>) {
+      sample.is_from_member = participants_->security != nullptr;
+      sample.senders = participants_->authors_of(info);
+    }
     return participants_->is_author(info, claim_of(sample), topic_.name) ? Verdict::kAccepted : Verdict::kRefused;
   }
 

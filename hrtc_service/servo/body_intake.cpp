@@ -40,7 +40,7 @@ void BodyIntake::set_coupling(Body& body, const GrantedCoupling& granted, const 
 void BodyIntake::apply(const GrantedBody& granted) {
   const TouchObject* const object = objects_.find(granted.object);
   if (object == nullptr || !object->body || !is_valid(granted.coupling) || !is_valid(granted.received.state) ||
-      !is_moderate(granted.received.session_ns))
+      !is_moderate(granted.received.session_ns) || granted.received.number > granted_.pose_number)
     return;
   Body& body = bodies_[granted.object];
   body.serial = objects_.serial_at(granted.object);

@@ -73,8 +73,7 @@ FlightSaver::FlightSaver(const FlightOptions& options, const trace::FlightStart&
       store_{recorder_, start, options.seconds, max_bytes_} {
   check_owner(options.folder);
   if (!options.file.empty()) {
-    const trace::PrivateFile probe{options.file};  // removed at once
-    if (probe.get() == nullptr)
+    if (!trace::PrivateFile::can_write(options.file))
       throw std::runtime_error("cannot write the flight recording " + options.file.string() + ": " +
                                std::strerror(errno));
   }

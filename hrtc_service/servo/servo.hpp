@@ -7,8 +7,8 @@
 ///
 /// Without a gateway, the force of a movable object on a hand decreases to zero within 60 ms, because peers and hosts
 /// move such objects. The force of a fixed object stays for ServoSettings::gateway_patience and then decreases to zero.
-/// Forces return when a gateway is in the session, so that it knows the standing stops. That of a movable object returns
-/// when this gateway has also passed a pose of the object.
+/// Forces return when a gateway is in the session, so that it knows the standing stops. That of a movable object
+/// returns when this gateway has also passed a pose of the object.
 ///
 /// A cycle calls these three in this order. The class owns no thread, device, DDS endpoint or file, so the haptic
 /// thread, studies in virtual time and benchmarks can all call it. A clock measures costs and may end refinement.

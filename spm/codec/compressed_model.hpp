@@ -37,7 +37,7 @@ class CompressedModel {
   /// Makes an empty object, to which a model can be assigned.
   CompressedModel() = default;
 
-  /// Sets the checksums with which `damage` checks the bytes of codes and lists. Without this call, they count as sound.
+  /// Sets the checksums with which `damage` checks the bytes of codes and lists. Without this call, all are sound.
   void set_checksums(std::shared_ptr<const BlockChecksums> codes,
                      std::shared_ptr<const BlockChecksums> lists) noexcept {
     code_checksums_ = std::move(codes);

@@ -14,7 +14,7 @@ namespace tactus::spm::codec {
 [[nodiscard]] std::optional<RegionData> region_data(const CompressedModel& model, RegionId region, const Cache& cache,
                                                     ObjectIndex object);
 
-/// Passes the result of `region_data` to Cache::accept, which sets `list`. If the region is damaged, returns kMalformed.
+/// Passes the result of `region_data` to Cache::accept, which sets `list`. A damaged region is kMalformed.
 /// If the result is not kAccepted, the cache is unchanged.
 [[nodiscard]] AcceptResult load_region(const CompressedModel& model, RegionId region, Cache& cache, ObjectIndex object,
                                        RegionList& list);

@@ -311,8 +311,8 @@ TEST_F(GatewayTest, WithoutItAMovableObjectExertsNoForceAfter60Ms) {
   ASSERT_GT(killed - cycles.begin(), 100);
   ASSERT_GT(continued - killed, 100);
   EXPECT_TRUE(std::any_of(killed - 100, killed, [](const Cycle& cycle) { return cycle.forces[0] > kPressed; }));
-  // A late cycle counts for at most 20 ms, as in the servo: if the whole machine was busy, so was the gateway. The first
-  // cycle may still see a heartbeat.
+  // A late cycle counts for at most 20 ms, as in the servo: if the whole machine was busy, so was the gateway. The
+  // first cycle may still see a heartbeat.
   constexpr std::int64_t kPeriodNs = 1'000'000, kZeroNs = 60 * kPeriodNs + kPeriodNs, kMaxGapNs = 20 * kPeriodNs;
   std::int64_t silence_ns = 0, before_ns = killed->time_ns, last_force_ns = killed_ns;
   std::ptrdiff_t checked = 0;

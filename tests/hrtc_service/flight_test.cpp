@@ -362,6 +362,15 @@ TEST(FlightSaverTest, ChangesNoFileBeforeTheEnd) {
   { const hrtc_service::FlightSaver abandoned{options, start, 1}; }
   EXPECT_EQ(test_support::read_bytes(options.file), "an earlier recording");
 
+  const std::filesystem::path earlier = options.file;
+  options.file = folder.path() / "link.mcap";
+  std::filesystem::create_symlink("end.mcap", options.file);
+  { const hrtc_service::FlightSaver abandoned{options, start, 1}; }
+  EXPECT_EQ(test_support::read_bytes(earlier), "an earlier recording");
+  std::filesystem::remove(earlier);
+  { const hrtc_service::FlightSaver abandoned{options, start, 1}; }
+  EXPECT_FALSE(std::filesystem::exists(earlier));
+
   options.file = folder.path() / "none" / "end.mcap";
   EXPECT_THAT([&] { const hrtc_service::FlightSaver refused(options, start, 1); },
               testing::ThrowsMessage<std::runtime_error>(testing::HasSubstr("end.mcap: No such file or directory")));

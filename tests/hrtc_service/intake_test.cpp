@@ -355,7 +355,7 @@ class BodyIntakeTest : public IntakeTest {
     grant.object = kBody;
     grant.received.state.position = position;
     grant.received.session_ns = now_ns_;
-    grant.received.number = ++poses_;
+    grants_.pose_number = grant.received.number = ++poses_;
     return grant;
   }
   /// Posts the grants, and runs enough cycles for the body to reach the received pose. Returns the report of the body.
@@ -397,6 +397,8 @@ TEST_F(BodyIntakeTest, WrongGrantsChangeNothing) {
   expect_unchanged("a delay that is too long");
   grants_.bodies[0].object = kMaxObjects;
   expect_unchanged("an index that no object can have");
+  grants_.bodies[0].received.number = 1'000'000;
+  expect_unchanged("a later number than that of the newest pose");
   grants_.bodies[0].object = kBody + 1;
   expect_unchanged("an object that cannot move");
   grants_.count = 0;

@@ -275,8 +275,11 @@ TEST_F(DeliveryClientTest, IgnoresForeignAndMalformedChunks) {
         chunk.pieces.push_back({spm::kNone, 0, 1, 0, {1}});
       },
       [](BulkChunk& chunk) { chunk.epoch += 100; },
-      [](BulkChunk& chunk) { chunk.senders = std::vector<std::uint64_t>{kHost + 1}; },
-      [](BulkChunk& chunk) { chunk.senders = std::vector<std::uint64_t>{}; },  // with keys, of a program without an id
+      [](BulkChunk& chunk) {
+        chunk.is_from_member = true;
+        chunk.senders = {kHost + 1};
+      },
+      [](BulkChunk& chunk) { chunk.is_from_member = true; },  // with keys, of a program without an id
       [](BulkChunk& chunk) { chunk.pieces[0].region = kRegions; },
       [](BulkChunk& chunk) { chunk.pieces[0].payload.resize(kMaxPayload + 1); }};
   for (const auto& vary : variations) {
@@ -664,7 +667,8 @@ TEST_F(DeliveryClientTest, AHostThatDoesNotOfferTheObjectCannotSendItsBaseMesh) 
   for (const std::uint64_t host : {kOtherHost, kOtherHost + 1}) {
     BulkChunk forged = chunks(spm::kNone, "forged", 1).at(0);
     forged.stream = stream_id({kSession, host, 5, 0}, kReceiver, kObject);
-    forged.senders = std::vector<std::uint64_t>{host};
+    forged.is_from_member = true;
+    forged.senders = {host};
     EXPECT_THAT(client.on_chunk(forged, now_), IsEmpty());
   }
   EXPECT_EQ(client.counters().foreign, 2u);

@@ -70,6 +70,12 @@ class MembersTest : public testing::Test {
     payload.insert(payload.end(), {1, 0, 0, 0});
     return data({0x00, 0x01, 0x00, 0xc2}, 1, payload);
   }
+  /// Returns the payload of a message of the authentication with this program as its destination.
+  Bytes for_this_program(Bytes payload) const {
+    const keys::GuidBegin begin = keys::guid_begin_of(self_.group, keys::identity_of(self_, "desk"));
+    std::copy(begin.begin(), begin.end(), payload.begin() + 52);
+    return payload;
+  }
   bool admits(const std::vector<Bytes>& parts, const GuidPrefix& sender, const char* from = "10.0.0.9") {
     const Bytes message = message_of(parts, sender);
     return members_.admits(message.data(), static_cast<std::uint32_t>(message.size()), [&] { return from; });
@@ -165,9 +171,10 @@ TEST_F(MembersTest, AHandshakeHasTheCertificateThatItsSenderAnnounces) {
   const std::string identity = text_of(keys::identity_of(ann, "ann"));
   ASSERT_TRUE(admits({announcement(sender, identity)}, sender));
   const auto admits_certificate = [&](const std::string& text) {
-    return admits({data({0x00, 0x02, 0x01, 0xc3}, 1,
-                        handshake({sender.begin(), sender.end()}, {text.begin(), text.end()}, Bytes(4)))},
-                  sender);
+    return admits(
+        {data({0x00, 0x02, 0x01, 0xc3}, 1,
+              for_this_program(handshake({sender.begin(), sender.end()}, {text.begin(), text.end()}, Bytes(4))))},
+        sender);
   };
   const auto certificate_of = [&](const char* name) {
     return test_support::read_bytes(authority_.folder_of(name) / keys::files::kCertificate);
@@ -376,7 +383,7 @@ class UnprovedTest : public MembersTest {
 
   const keys::Member museum_ = add("museum", Role::kHost);
   const std::string identity_ = text_of(keys::identity_of(museum_, "museum"));
-  const std::vector<Bytes> handshake_{data({0x00, 0x02, 0x01, 0xc3}, 1, Bytes(200))};
+  const std::vector<Bytes> handshake_{data({0x00, 0x02, 0x01, 0xc3}, 1, for_this_program(Bytes(200)))};
   std::uint32_t announced_ = 0;
 };
 
@@ -394,12 +401,21 @@ TEST_F(UnprovedTest, AllAddressesTogetherLeaveMostPlacesOfTheLibraryToMembers) {
   EXPECT_LE(Members::kMaxUnproved, kPlaces / 2);
 }
 
-TEST_F(UnprovedTest, PlacesAreFreeAgainAfterTheTimeThatAParticipantHasToProveItsIdentity) {
+TEST_F(UnprovedTest, PlacesAreFreeAgainAfterTwoLeasesAndLaterAfterFailedHandshakes) {
   EXPECT_EQ(announce(1000, "10.0.0.7"), Members::kMaxUnprovedFromAddress);
+  for (std::uint32_t i = 1; i <= Members::kMaxUnprovedFromAddress / 2; ++i)
+    members_.on_authentication(participant(i), false);
+  pass(3s);  // two leases of 1 s, and to the next search
+  EXPECT_EQ(announce(1000, "10.0.0.7"), Members::kMaxUnprovedFromAddress / 2);
   pass(Members::kMaxUnprovedTime);
-  EXPECT_EQ(announce(1000, "10.0.0.7"), 0u) << "although the leases of 1 s have ended";
-  pass(1s);  // to the next search
   EXPECT_EQ(announce(1000, "10.0.0.7"), Members::kMaxUnprovedFromAddress);
+}
+
+TEST_F(UnprovedTest, HandshakesForOtherParticipantsDoNotCount) {
+  ASSERT_EQ(announce(1, "10.0.0.7"), 1u);
+  const std::vector<Bytes> of_other{data({0x00, 0x02, 0x01, 0xc3}, 1, Bytes(200))};
+  for (int i = 0; i < 1000; ++i) EXPECT_TRUE(admits(of_other, participant(1))) << "the library ignores it";
+  EXPECT_TRUE(admits(handshake_, participant(1)));
 }
 
 TEST_F(UnprovedTest, AParticipantThatHasAnnouncedNothingForItsLeaseCannotStayInTheLibrary) {
@@ -487,7 +503,7 @@ TEST_F(UnprovedTest, AParticipantThatIsGoneHasToProveItsIdentityAgain) {
   for (std::uint32_t i = 1; i <= kEnded; ++i) admitted += announces(participant(i), "10.0.0.7") ? 1 : 0;
   EXPECT_EQ(admitted, Members::kMaxUnprovedFromAddress);
   members_.on_gone(participant(1));
-  EXPECT_EQ(announce(1, "10.0.0.7"), 0u) << "one that has not proved its identity has its place after its end";
+  EXPECT_EQ(announce(1, "10.0.0.7"), 0u) << "the end of one that has not proved its identity frees no place at once";
 }
 
 TEST_F(UnprovedTest, ACutOffMemberIsNotForgotten) {

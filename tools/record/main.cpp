@@ -277,15 +277,21 @@ int to_csv(const std::string& file, const std::filesystem::path& directory) {
   const auto write = [&fail](const Table& table, const std::string& line) {
     if (std::fputs((line + '\n').c_str(), table.out->get()) == EOF) fail(table.path);
   };
-  trace::McapMessage message;
-  while (reader.next(message)) {
+  const auto commit = [&] {
+    for (auto& [channel, table] : tables) {
+      if (table.out == nullptr || table.out->get() == nullptr) continue;  // it could not be opened
+      if (!table.out->commit()) fail(table.path);
+      std::cout << table.path.string() << ": " << table.rows << " rows\n";
+    }
+  };
+  const auto add = [&](const trace::McapMessage& message) {
     if (message.schema_encoding != "omgidl")
       throw std::runtime_error(file + ", topic " + message.topic + ": found schema encoding " +
                                message.schema_encoding + ", expected omgidl");
     const trace::IdlSchema& schema = schemas.try_emplace(message.schema_text, *message.schema_text).first->second;
     const auto [table, is_new] = tables.try_emplace(message.channel);
     if (is_new) {
-      const int number = ++used[message.topic];
+      const int number = ++used[file_name(message.topic)];
       table->second.path =
           directory / (file_name(message.topic) + (number > 1 ? "-" + std::to_string(number) : "") + ".csv");
       table->second.out = std::make_unique<trace::PrivateFile>(table->second.path);
@@ -299,11 +305,14 @@ int to_csv(const std::string& file, const std::filesystem::path& directory) {
       row += ',' + quoted(cell);
     write(table->second, row);
     ++table->second.rows;
+  };
+  try {
+    for (trace::McapMessage message; reader.next(message);) add(message);
+  } catch (const std::exception&) {
+    commit();  // everything before the error
+    throw;
   }
-  for (auto& [channel, table] : tables) {
-    if (!table.out->commit()) fail(table.path);
-    std::cout << table.path.string() << ": " << table.rows << " rows\n";
-  }
+  commit();
   if (reader.is_truncated()) std::cout << file << " is truncated; everything before is included\n";
   return 0;
 }
