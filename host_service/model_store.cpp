@@ -208,12 +208,18 @@ auto unless_stopped(const std::atomic<bool>& stop, const ModelStore::Log& log, W
   return result.get();
 }
 
+/// Opens an .spm file. Also checks the checksums of all of it, unless it is so large that this would take long.
+MappedModel open_model(const std::filesystem::path& path) {
+  constexpr std::uintmax_t kMaxChecked = 256u << 20;
+  MappedModel model{path};
+  if (std::filesystem::file_size(path) <= kMaxChecked) model.check_checksums();
+  return model;
+}
+
 std::optional<MappedModel> open_cached(const std::filesystem::path& path, LogLines& lines) {
   if (!std::filesystem::exists(path)) return std::nullopt;
   try {
-    MappedModel model{path};
-    model.check_checksums();
-    return model;
+    return open_model(path);
   } catch (const ModelError& error) {
     lines.add(std::string{"the cached model is invalid and will be built again: "} + error.what());
     return std::nullopt;
@@ -268,7 +274,7 @@ MappedModel ModelStore::open(const std::filesystem::path& model) const {
   if (!std::filesystem::is_regular_file(status))
     spm::offline::fail(model, "no such model file" + (error ? ": " + error.message() : std::string{}));
   const auto open_file = [this](const std::filesystem::path& file) {
-    return unless_stopped(stop_, log_, [file](LogLines&) { return MappedModel{file}; });
+    return unless_stopped(stop_, log_, [file](LogLines&) { return open_model(file); });
   };
   if (spm::offline::is_model_file(model) || model.extension() == ".spm") return open_file(model);
 

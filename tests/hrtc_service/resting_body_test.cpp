@@ -72,6 +72,7 @@ class BoxOnOrgan : public ::testing::Test {
     run_prepared_cycle();
   }
   void run_prepared_cycle() {
+    orders_.pose_number = orders_.bodies[0].received.number;
     hrtc_service::MailboxWriter{session_.core().link().bodies.granted}.post(orders_);
     session_.core().tick_intake();
     outputs_ = session_.touch_with_bodies();
@@ -385,6 +386,7 @@ class BoxOnGround {
     device.buttons = grab ? std::uint32_t{haptics::kGrabButton} : 0u;
     if (pose_age > 0) device = before;
     session_.inputs()[0].pose_age = pose_age;
+    orders_.pose_number = orders_.bodies[0].received.number;
     hrtc_service::MailboxWriter{session_.core().link().bodies.granted}.post(orders_);
     session_.core().tick_intake();
     output_ = session_.touch_with_bodies()[0];
@@ -489,6 +491,7 @@ TEST_P(BodyBesideFixedObject, TheForceChangesByAtMostFiveNewtonsInACycleWhenATip
   Vec3d force = Vec3d::Zero();
   double along = 0, max_change = 0;
   const auto run_cycle = [&](const Vec3d& hand, const Vec3d& velocity) {
+    orders.pose_number = orders.bodies[0].received.number;
     hrtc_service::MailboxWriter{session.core().link().bodies.granted}.post(orders);
     session.core().tick_intake();
     session.prepare(hand, velocity);
