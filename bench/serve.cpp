@@ -1,5 +1,6 @@
 // Measures how long a host takes to open a model file that is not in memory, and its anonymous memory while it serves
-// the model to several HRTCs. For comparison, all of the file is decoded, as `tactus mesh verify` does.
+// the model to several HRTCs. A host also checks the checksums of a file of up to 256 MiB. For comparison, all of the
+// file is decoded, as `tactus mesh verify` does.
 //
 // A child process opens the file, so that the memory of the builder does not count. It also runs the clients of the
 // HRTCs, so their memory counts too.
@@ -127,20 +128,23 @@ class Service {
   std::vector<std::uint32_t> first_region_;  // by client
 };
 
-/// The child process: prints the time to open the file, the memory after it, the number of regions of a client, the
-/// number of received regions, the memory after that, and the time to decode the whole file.
+/// The child process: prints the time to open the file, the memory after it, the time to check its checksums, the number
+/// of regions of a client, the number of received regions, the memory after that, and the time to decode the whole file.
 void serve(const std::string& file, Settings settings) {
   const double before = anonymous_memory();
   auto begin = std::chrono::steady_clock::now();
   const spm::offline::MappedModel model{file};
   const double opened = seconds_since(begin), after_opening = anonymous_memory() - before;
+  begin = std::chrono::steady_clock::now();
+  model.check_checksums();
+  const double checked = seconds_since(begin);
   settings.regions = std::min(settings.regions, model.summary().regions);
   Service service{model.compressed(), settings};
   const std::uint64_t received = service.run();
   const double after_serving = anonymous_memory() - before;
   begin = std::chrono::steady_clock::now();
   static_cast<void>(model.decode());
-  std::printf("%.9g %.9g %u %llu %.9g %.9g\n", opened, after_opening, settings.regions,
+  std::printf("%.9g %.9g %.9g %u %llu %.9g %.9g\n", opened, after_opening, checked, settings.regions,
               static_cast<unsigned long long>(received), after_serving, seconds_since(begin));
 }
 
@@ -171,12 +175,13 @@ Report run(const Settings& settings) {
   std::istringstream out{output_of(std::filesystem::read_symlink("/proc/self/exe").string() + " " + kChild + " " +
                                    file + " " + std::to_string(settings.hrtcs) + " " +
                                    std::to_string(settings.regions))};
-  double opened = 0, after_opening = 0, after_serving = 0, decoded = 0;
+  double opened = 0, after_opening = 0, checked = 0, after_serving = 0, decoded = 0;
   std::uint64_t regions = 0, received = 0;
-  if (!(out >> opened >> after_opening >> regions >> received >> after_serving >> decoded))
+  if (!(out >> opened >> after_opening >> checked >> regions >> received >> after_serving >> decoded))
     throw std::runtime_error("the child process printed no results");
   report.add_value("size of the file", {"file", 1}, "MB", static_cast<double>(std::filesystem::file_size(file)) / 1e6);
   report.add_at_most("time to open the file, not in memory", {"file", 1}, "s", opened, 1);
+  report.add_value("time to read it and check its checksums", {"file", 1}, "s", checked);
   report.add_value("time to check and decode the whole file", {"file", 1}, "s", decoded);
   report.add_value("anonymous memory of the opened model", {"file", 1}, "MiB", after_opening);
   report.add_at_most("anonymous memory of the host and its HRTCs", {"served HRTCs", settings.hrtcs}, "MiB",

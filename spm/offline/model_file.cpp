@@ -274,12 +274,12 @@ void MappedModel::set_checksums() {
 
 void MappedModel::check_checksums() const {
   if (const std::string damage = compressed_.damage(); !damage.empty()) throw ModelError{damage};
-  for (std::uint32_t i = 0; i < kSections; ++i)
-    if (is_checked_by_block(i)) check_checksum(mapping_->table[i], i, mapping_->bytes(), path_);
 }
 
 OwnedModel MappedModel::decode() const {
   check_checksums();
+  for (std::uint32_t i = 0; i < kSections; ++i)
+    if (is_checked_by_block(i)) check_checksum(mapping_->table[i], i, mapping_->bytes(), path_);
   auto decoded = codec::decode_model(compressed_);
   if (!decoded) fail(path_, decoded.error().text);
   const std::vector<std::string> broken = violations(decoded->model());

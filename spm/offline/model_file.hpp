@@ -50,7 +50,7 @@ class MappedModel {
   MappedModel& operator=(MappedModel&&) noexcept;
   ~MappedModel();
 
-  /// Reads the whole file and checks the checksums of codes and lists. Throws ModelError.
+  /// Reads the whole file and checks the checksums of all blocks of codes and lists. Throws ModelError.
   void check_checksums() const;
   /// Decodes the model and checks all of it. Costs some 0.5 us a record and 64 bytes a record part. Throws ModelError.
   [[nodiscard]] OwnedModel decode() const;

@@ -342,7 +342,7 @@ TEST_F(GatewayTest, LogsAFaultThatBeganWithoutAGateway) {
   ASSERT_GT(driver, 0);
   ::kill(gateway, SIGSTOP);
   ::kill(driver, SIGKILL);
-  std::this_thread::sleep_for(Seconds{0.5});  // the servo has noticed it before the next gateway begins
+  std::this_thread::sleep_for(Seconds{0.5});  // the servo notices the end; without a gateway, nothing shows it
   ::kill(gateway, SIGKILL);
   EXPECT_TRUE(desk.wait_for_line("the force of user ann is off until a reset")) << desk.output();
 }

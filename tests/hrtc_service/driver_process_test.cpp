@@ -392,7 +392,7 @@ TEST(DriverLoop, ACommandAboveTheLimitsOfTheDeviceBecomesZeroForce) {  // damage
     DriverCommand next = wanted;
     next.cycle_ns = monotonic_ns();
     commands.post(next);
-    std::this_thread::sleep_for(std::chrono::milliseconds{1});
+    std::this_thread::sleep_for(std::chrono::milliseconds{1});  // a cycle of the HRTC
   };
   for (const DriverCommand& wrong :
        {DriverCommand{{0, 0, 1e301}, {}, 0}, DriverCommand{{kNan, 0, 0}, {}, 0}, DriverCommand{{6, 8, 1}, {}, 0},
