@@ -128,8 +128,9 @@ class Service {
   std::vector<std::uint32_t> first_region_;  // by client
 };
 
-/// The child process: prints the time to open the file, the memory after it, the time to check its checksums, the number
-/// of regions of a client, the number of received regions, the memory after that, and the time to decode the whole file.
+/// The child process: prints the time to open the file, the memory after it, the time to check its checksums, the
+/// number of regions of a client, the number of received regions, the memory after that, and the time to decode the
+/// whole file.
 void serve(const std::string& file, Settings settings) {
   const double before = anonymous_memory();
   auto begin = std::chrono::steady_clock::now();
