@@ -140,6 +140,14 @@ INSTANTIATE_TEST_SUITE_P(
                  f.member->group = "lab-keys";
                },
                Severity::kAdvice, "keys", "expire in 3 days", "tactus keys add-hrtc lab-keys desk --replace"},
+        Defect{"ListOfRevokedKeysOfTheFuture",
+               [](Facts& f) {
+                 f.now = 1'800'000'000;
+                 f.member.emplace();
+                 f.member->valid_until = f.now + 365 * 24 * 3600;
+                 f.revoked.made = f.now + 24 * 3600;
+               },
+               Severity::kAdvice, "keys", "list of revoked keys has a wrong time", "secure.md"},
         Defect{"StaleSharedMemory", [](Facts& f) { f.stale_segments = {"fastrtps_port7412"}; }, Severity::kAdvice,
                "shared memory", "fastrtps_port7412", "fastdds shm clean"},
         Defect{"EnvironmentVariable", [](Facts& f) { f.variables = {"ROS_DISCOVERY_SERVER"}; }, Severity::kAdvice,

@@ -253,6 +253,8 @@ void judge_keys(const Facts& facts, Findings& findings) {
                     "on the machine of the authority: " + keys::replace_command(member));
   else
     findings.good("keys", found);
+  if (const std::string warning = keys::clock_warning(facts.revoked, facts.now); !warning.empty())
+    findings.advice("keys", warning, "docs/how-to/secure.md explains how to replace keys");
 }
 
 void judge_software(const Facts& facts, Findings& findings) {
