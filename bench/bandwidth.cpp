@@ -114,8 +114,10 @@ int main(int argc, char** argv) {
   app.add_option("--model", settings.model, "mesh file of any format, or .spm model (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 30000000u));
-  app.add_option("--length", settings.length, "length of the model's longest side, m")->check(CLI::Range(0.05, 2.0));
-  app.add_option("--seconds", settings.seconds, "duration of each movement, s")->check(CLI::Range(5.0, 3600.0));
+  app.add_option("--length", settings.length, "length of the model's longest side, m")
+      ->check(tactus::wire::finite_range(0.05, 2.0));
+  app.add_option("--seconds", settings.seconds, "duration of each movement, s")
+      ->check(tactus::wire::finite_range(5.0, 3600.0));
   app.add_option("--link", settings.link, "link between the namespaces, as in `tactus-link list`");
   app.add_option("--seed", settings.seed, "seed of the tremor");
   return tactus::bench::latency_main(app, argc, argv, [&] {

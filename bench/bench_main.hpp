@@ -7,6 +7,7 @@
 #include <string>
 
 #include "bench/figures.hpp"
+#include "wire/address/finite_range.hpp"
 
 namespace tactus::bench {
 

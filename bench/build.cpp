@@ -223,7 +223,7 @@ int main(int argc, char** argv) {
   app.add_option("--base-faces", settings.base_faces, "faces of the base mesh at which simplification aims");
   app.add_option("--pairs", settings.pairs,
                  "contract vertices within this distance, mm, at a model length of 10 cm; adds bounds on the base mesh")
-      ->check(CLI::Range(0.0, 100.0));
+      ->check(tactus::wire::finite_range(0.0, 100.0));
   app.add_option("--tile-faces", settings.tile_faces,
                  "also build with tiles of this number of faces, a power of two, and compare")
       ->check(CLI::Range(0u, 1u << 27));

@@ -209,8 +209,9 @@ int main(int argc, char** argv) {
   app.add_option("--model", settings.model, "mesh file of any format, or .spm model (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 30000000u));
-  app.add_option("--seconds", settings.seconds, "duration of path and return, s")->check(CLI::Range(1.0, 3600.0));
-  app.add_option("--speed", settings.speed, "speed of the tip, m/s")->check(CLI::Range(0.001, 2.0));
+  app.add_option("--seconds", settings.seconds, "duration of path and return, s")
+      ->check(tactus::wire::finite_range(1.0, 3600.0));
+  app.add_option("--speed", settings.speed, "speed of the tip, m/s")->check(tactus::wire::finite_range(0.001, 2.0));
   app.add_option("--seed", settings.seed, "seed of the path");
   app.add_option("--repeats", settings.repeats, "repeats with each pool; the minimum time of each load counts")
       ->check(CLI::Range(1u, 100u));

@@ -221,8 +221,9 @@ int main(int argc, char** argv) {
   app.add_option("--model", settings.model, "mesh file of any format, or .spm model (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 30000000u));
-  app.add_option("--seconds", settings.seconds, "duration of the path, s")->check(CLI::Range(1.0, 3600.0));
-  app.add_option("--speed", settings.speed, "speed of the tip, m/s")->check(CLI::Range(0.001, 2.0));
+  app.add_option("--seconds", settings.seconds, "duration of the path, s")
+      ->check(tactus::wire::finite_range(1.0, 3600.0));
+  app.add_option("--speed", settings.speed, "speed of the tip, m/s")->check(tactus::wire::finite_range(0.001, 2.0));
   app.add_option("--seed", settings.seed, "seed of the path");
   return tactus::bench::bench_main(app, argc, argv, [&] {
     settings.quick = app.quick;

@@ -145,7 +145,7 @@ int main(int argc, char** argv) {
   tactus::bench::Settings settings;
   tactus::bench::App app{"driver", "Measures the delays that the process of a driver adds",
                          "5 s and 20 silences, for CI"};
-  app.add_option("--seconds", settings.seconds, "time of the cycles")->check(CLI::Range(0.1, 3600.0));
+  app.add_option("--seconds", settings.seconds, "time of the cycles")->check(tactus::wire::finite_range(0.1, 3600.0));
   return tactus::bench::bench_main(app, argc, argv, [&] {
     if (app.quick) settings.seconds = 5, settings.silences = 20;
     return tactus::bench::run(settings);

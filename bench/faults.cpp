@@ -339,7 +339,7 @@ int main(int argc, char** argv) {
   app.add_option("--rounds", settings.rounds, "rounds of the faults that are measured here")
       ->check(CLI::Range(1, 1000));
   app.add_option("--seconds", settings.seconds, "time of random faults, and of runs with loss, s")
-      ->check(CLI::Range(12.0, 1e5));
+      ->check(tactus::wire::finite_range(12.0, 1e5));
   app.add_option("--seed", settings.seed, "seed of random faults and packets");
   return latency_main(app, argc, argv, [&] {
     if (app.quick) settings.rounds = std::min(settings.rounds, 3);

@@ -224,10 +224,11 @@ int main(int argc, char** argv) {
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 30000000u));
   app.add_option("--cycles", settings.cycles, "cycles of following and tapping")->check(CLI::Range(2000u, 100000000u));
   app.add_option("--motions", settings.motions, "random motions, sum over all scenes");
-  app.add_option("--speed", settings.speed, "speed along the surface, m/s")->check(CLI::Range(0.001, 2.0));
-  app.add_option("--radius", settings.radius, "radius of the tip, m")->check(CLI::Range(0.0005, 0.01));
+  app.add_option("--speed", settings.speed, "speed along the surface, m/s")
+      ->check(tactus::wire::finite_range(0.001, 2.0));
+  app.add_option("--radius", settings.radius, "radius of the tip, m")->check(tactus::wire::finite_range(0.0005, 0.01));
   app.add_option("--pool-share", settings.pool_share, "size of the pool, as a share of the model's records")
-      ->check(CLI::Range(0.01, 1.0));
+      ->check(tactus::wire::finite_range(0.01, 1.0));
   app.add_option("--seed", settings.seed, "seed of path and motions");
   return tactus::bench::bench_main(app, argc, argv, [&] {
     if (app.quick) {

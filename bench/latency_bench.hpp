@@ -26,7 +26,8 @@ struct RoundSettings {
 inline void add_round_options(App& app, RoundSettings& settings, const char* link_help) {
   app.add_option("--pairs", settings.rounds, "number of rounds; each runs every configuration once")
       ->check(CLI::Range(1, 100));
-  app.add_option("--seconds", settings.seconds, "duration of each run, s")->check(CLI::Range(1.0, 60.0));
+  app.add_option("--seconds", settings.seconds, "duration of each run, s")
+      ->check(tactus::wire::finite_range(1.0, 60.0));
   app.add_option("--link", settings.link, link_help);
 }
 

@@ -95,7 +95,8 @@ int main(int argc, char** argv) {
   tactus::bench::App app{
       "loss", "Age of the newest probe state of a reader when the network loses 1 to 30 % of the frames; needs root",
       "runs of 5 s, for CI"};
-  app.add_option("--seconds", settings.seconds, "duration of each run, s")->check(CLI::Range(5.0, 600.0));
+  app.add_option("--seconds", settings.seconds, "duration of each run, s")
+      ->check(tactus::wire::finite_range(5.0, 600.0));
   app.add_option("--seed", settings.seed, "seed of the losses");
   return tactus::bench::latency_main(app, argc, argv, [&] {
     if (app.quick) settings.seconds = 5;

@@ -401,11 +401,12 @@ int main(int argc, char** argv) {
       app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 30000000u));
   CLI::Option* edge = app.add_option("--edge", settings.edge,
                                      "mean edge to which the model is scaled, m (default for the organ: 0.0002)")
-                          ->check(CLI::PositiveNumber);
+                          ->check(tactus::wire::finite_positive());
   app.add_option("--memory", settings.memory, "memory of the HRTC, such as 16MiB or 64MiB")
       ->transform(CLI::AsSizeValue(false));
-  app.add_option("--seconds", settings.seconds, "duration of the path, s")->check(CLI::Range(3.0, 3600.0));
-  app.add_option("--speed", settings.speed, "speed of the tip, m/s")->check(CLI::Range(0.001, 2.0));
+  app.add_option("--seconds", settings.seconds, "duration of the path, s")
+      ->check(tactus::wire::finite_range(3.0, 3600.0));
+  app.add_option("--speed", settings.speed, "speed of the tip, m/s")->check(tactus::wire::finite_range(0.001, 2.0));
   app.add_option("--domain", settings.domain, "first of the three DDS domains used")->check(CLI::Range(1, 95));
   app.add_option("--seed", settings.seed, "seed of the path");
   return tactus::bench::bench_main(app, argc, argv, [&] {

@@ -130,9 +130,9 @@ int main(int argc, char** argv) {
       "passive", "Measures the energy that the ports of hands give, at round trips of 0 to 500 ms with 10 % loss",
       "5 s at each speed, 2 users"};
   app.add_option("--stiffness", settings.stiffness, "stiffness of wall and coupling, N/m")
-      ->check(CLI::Range(100.0, 5000.0));
+      ->check(tactus::wire::finite_range(100.0, 5000.0));
   app.add_option("--damping", settings.damping, "damping between a hand and the object that it holds, N s/m")
-      ->check(CLI::Range(0.0, 20.0));
+      ->check(tactus::wire::finite_range(0.0, 20.0));
   app.add_option("--seconds", settings.seconds, "time of tapping at each speed, s")->check(CLI::Range(1, 3600));
   return tactus::bench::bench_main(app, argc, argv, [&] {
     settings.quick = app.quick;

@@ -112,11 +112,13 @@ int main(int argc, char** argv) {
   app.add_option("--model", settings.model, "mesh file of any format, or .spm model (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 50000000u));
-  app.add_option("--seconds", settings.seconds, "time of motion for each figure, s")->check(CLI::Range(1.0, 3600.0));
-  app.add_option("--speeds", settings.speeds, "mean speeds, m/s")->check(CLI::Range(0.001, 5.0));
-  app.add_option("--round-trips", settings.round_trips_ms, "round trips, ms")->check(CLI::Range(0.0, 1000.0));
-  app.add_option("--rate", settings.rate_mbit, "rate of the link, Mbit/s")->check(CLI::Range(0.1, 1e5));
-  app.add_option("--pool", settings.pool_mib, "size of the pool, MiB")->check(CLI::Range(1.0, 1e4));
+  app.add_option("--seconds", settings.seconds, "time of motion for each figure, s")
+      ->check(tactus::wire::finite_range(1.0, 3600.0));
+  app.add_option("--speeds", settings.speeds, "mean speeds, m/s")->check(tactus::wire::finite_range(0.001, 5.0));
+  app.add_option("--round-trips", settings.round_trips_ms, "round trips, ms")
+      ->check(tactus::wire::finite_range(0.0, 1000.0));
+  app.add_option("--rate", settings.rate_mbit, "rate of the link, Mbit/s")->check(tactus::wire::finite_range(0.1, 1e5));
+  app.add_option("--pool", settings.pool_mib, "size of the pool, MiB")->check(tactus::wire::finite_range(1.0, 1e4));
   app.add_option("--strategy", settings.strategy, "measures only this strategy")
       ->check(CLI::IsMember(
           std::vector<std::string>(tactus::spm::kStrategyNames.begin(), tactus::spm::kStrategyNames.end())));

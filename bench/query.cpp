@@ -80,7 +80,8 @@ int main(int argc, char** argv) {
       "the finest mesh",
       "uses a path of 2 s"};
   tactus::bench::add_query_options(app, settings);
-  app.add_option("--edge", edge, "scales the model to this mean edge length, m")->check(CLI::Range(1e-5, 1e-2));
+  app.add_option("--edge", edge, "scales the model to this mean edge length, m")
+      ->check(tactus::wire::finite_range(1e-5, 1e-2));
   return tactus::bench::bench_main(app, argc, argv, [&] {
     if (app.quick) settings.seconds = std::min(settings.seconds, 2.0);
     return tactus::bench::run(settings, edge);

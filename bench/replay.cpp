@@ -257,7 +257,8 @@ int main(int argc, char** argv) {
   tactus::bench::App app{"replay",
                          "Replays flight recordings of a real session and compares the forces to the bit; needs root",
                          "a session of 90 s, for CI"};
-  app.add_option("--seconds", settings.seconds, "length of the session, s")->check(CLI::Range(5.0, 3600.0));
+  app.add_option("--seconds", settings.seconds, "length of the session, s")
+      ->check(tactus::wire::finite_range(5.0, 3600.0));
   app.add_option("--keep", settings.output_folder, "folder for models and recordings (default: a temporary folder)");
   app.add_option("--part", settings.part,
                  "session: records and replays a session; cost: measures the cost of recording; all: both")

@@ -88,7 +88,8 @@ int main(int argc, char** argv) {
   tactus::bench::App app{"safety",
                          "Checks the forces for a remote device whose samples are lost, late, repeated or corrupted",
                          "uses 10^6 samples, for CI"};
-  app.add_option("--samples", settings.samples, "number of samples that arrive")->check(CLI::Range(1000.0, 1e12));
+  app.add_option("--samples", settings.samples, "number of samples that arrive")
+      ->check(tactus::wire::finite_range(1000.0, 1e12));
   app.add_option("--seed", settings.seed, "seed of all random numbers");
   return tactus::bench::bench_main(app, argc, argv, [&] {
     if (app.quick) settings.samples = 1'000'000;

@@ -571,7 +571,8 @@ int main(int argc, char** argv) {
       "smaller models, 2 windows of each kind, 4 HRTCs that join, 8 probes"};
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(10'000, 10'000'000));
   app.add_option("--pairs", settings.windows, "windows of each kind")->check(CLI::Range(1, 100));
-  app.add_option("--seconds", settings.seconds, "length of each window, s")->check(CLI::Range(0.5, 60.0));
+  app.add_option("--seconds", settings.seconds, "length of each window, s")
+      ->check(tactus::wire::finite_range(0.5, 60.0));
   app.add_option("--joining", settings.joining_hrtcs, "max number of HRTCs that join")->check(CLI::Range(1, 64));
   app.add_option("--fewest", settings.min_joining_hrtcs,
                  "min number of HRTCs that join, doubled up to --joining; by default an eighth of --joining")

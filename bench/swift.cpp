@@ -229,10 +229,11 @@ int main(int argc, char** argv) {
   app.add_option("--cycles", settings.cycles, "number of cycles of 1 ms")->check(CLI::Range(1000u, 100000000u));
   app.add_option("--brute", settings.brute_force_cycles, "cycles checked by brute force")
       ->check(CLI::Range(1u, 1000000u));
-  app.add_option("--speed", settings.speed, "mean speed, m/s")->check(CLI::Range(0.001, 5.0));
-  app.add_option("--round-trips", settings.round_trips_ms, "round trips, ms")->check(CLI::Range(0.0, 1000.0));
-  app.add_option("--rate", settings.rate_mbit, "rate of the link, Mbit/s")->check(CLI::Range(0.1, 1e5));
-  app.add_option("--pool", settings.pool_mib, "size of the pool, MiB")->check(CLI::Range(1.0, 1e4));
+  app.add_option("--speed", settings.speed, "mean speed, m/s")->check(tactus::wire::finite_range(0.001, 5.0));
+  app.add_option("--round-trips", settings.round_trips_ms, "round trips, ms")
+      ->check(tactus::wire::finite_range(0.0, 1000.0));
+  app.add_option("--rate", settings.rate_mbit, "rate of the link, Mbit/s")->check(tactus::wire::finite_range(0.1, 1e5));
+  app.add_option("--pool", settings.pool_mib, "size of the pool, MiB")->check(tactus::wire::finite_range(1.0, 1e4));
   app.add_option("--credit", settings.credit_kib, "credit of the host, KiB; 0: the default of an HRTC");
   app.add_option("--strategy", settings.strategy, "strategy of prediction")
       ->check(CLI::IsMember(

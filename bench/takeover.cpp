@@ -414,7 +414,7 @@ int main(int argc, char** argv) {
   app.add_option("--windows", settings.windows, "windows without a kill, for comparison")->check(CLI::Range(1, 1000));
   app.add_option("--restarts", settings.restarts, "restarts of the only host")->check(CLI::Range(0, 100));
   app.add_option("--calm", settings.calm_s, "time in which false alarms are counted, twice, s")
-      ->check(CLI::Range(0.0, 3600.0));
+      ->check(tactus::wire::finite_range(0.0, 3600.0));
   app.add_option("--link", settings.link, "link between hosts and HRTC, as in `tactus-link list`");
   app.add_option("--seed", settings.seed, "seed of the times of the kills");
   return tactus::bench::latency_main(app, argc, argv, [&] {

@@ -355,15 +355,17 @@ int main(int argc, char** argv) {
   app.add_option("--model", settings.model, "mesh file of any format, or .spm model (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 30000000u));
-  app.add_option("--seconds", settings.seconds, "length of the path, s")->check(CLI::Range(1.0, 3600.0));
-  app.add_option("--speed", settings.speed, "max speed along the surface, m/s")->check(CLI::Range(0.001, 1.0));
+  app.add_option("--seconds", settings.seconds, "length of the path, s")
+      ->check(tactus::wire::finite_range(1.0, 3600.0));
+  app.add_option("--speed", settings.speed, "max speed along the surface, m/s")
+      ->check(tactus::wire::finite_range(0.001, 1.0));
   app.add_option("--depth", settings.depth, "max depth of the device below the surface, m")
-      ->check(CLI::Range(0.0, 0.1));
-  app.add_option("--friction", settings.friction, "friction coefficient")->check(CLI::Range(0.0, 2.0));
+      ->check(tactus::wire::finite_range(0.0, 0.1));
+  app.add_option("--friction", settings.friction, "friction coefficient")->check(tactus::wire::finite_range(0.0, 2.0));
   app.add_option("--deadline", settings.deadline_us, "deadline of the HRTC's cycle, us")
-      ->check(CLI::Range(10.0, 10000.0));
+      ->check(tactus::wire::finite_range(10.0, 10000.0));
   app.add_option("--pool-share", settings.pool_share, "pool divided by the model's records")
-      ->check(CLI::Range(0.01, 1.0));
+      ->check(tactus::wire::finite_range(0.01, 1.0));
   app.add_option("--delay", settings.delay_cycles, "delay of demands, and of records, ms")->check(CLI::Range(0u, 500u));
   app.add_option("--seed", settings.seed, "seed of the path");
   app.add_flag("--refined", settings.with_refined, "also measures a mesh that an HRTC refines along the tool");

@@ -82,7 +82,7 @@ int main(int argc, char** argv) {
   app.add_option("--operations", settings.torture.operations,
                  "number of records split, collapsed, loaded, evicted or reloaded");
   app.add_option("--pool-share", settings.torture.pool_share, "pool divided by the model's records")
-      ->check(CLI::Range(0.01, 1.0));
+      ->check(tactus::wire::finite_range(0.01, 1.0));
   app.add_option("--checks", settings.torture.checks, "number of checks of all invariants before the end")
       ->check(CLI::Range(1, 1000));
   app.add_option("--seed", settings.torture.seed, "seed of the order");

@@ -358,7 +358,7 @@ int main(int argc, char** argv) {
       "truth; needs root",
       "P4 only, 6 s, smaller models, for CI"};
   app.add_option("--seconds", settings.seconds, "time of motion on the object in each session, s")
-      ->check(CLI::Range(4.0, 3600.0));
+      ->check(tactus::wire::finite_range(4.0, 3600.0));
   app.add_option("--profiles", settings.profiles,
                  "link profiles for the comparison of forces, as in `tactus-link list`");
   app.add_option("--demo-profiles", settings.demo_profiles, "link profiles for the demo");

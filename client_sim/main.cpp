@@ -12,6 +12,7 @@
 #include "realtime/process.hpp"
 #include "session/modes.hpp"
 #include "wire/address/command_line.hpp"
+#include "wire/address/finite_range.hpp"
 
 namespace {
 
@@ -90,10 +91,10 @@ int main(int argc, char** argv) {
   wire::add_address_options(app, address, "participant");
   app.add_option("--scenario", scenario, "A built-in scenario or a YAML file")->capture_default_str();
   app.add_option("--seconds", seconds, "Duration in seconds, instead of the scenario's")
-      ->check(CLI::Range(0.1, 86400.0));
+      ->check(wire::finite_range(0.1, 86400.0));
   app.add_option("--patience", patience, "Seconds to wait for HRTCs, objects and probes")
       ->capture_default_str()
-      ->check(CLI::Range(0.1, 86400.0));
+      ->check(wire::finite_range(0.1, 86400.0));
   app.add_option("--mode", mode,
                  "Session mode, which sets how probe states are sent: auto, collaborate or large-scale. A list "
                  "USER,USER... after collaborate or large-scale restricts the mode to these users");

@@ -10,10 +10,11 @@ namespace {
 
 constexpr double kAgeTolerance = 1e-9;  // s, for differences of large times
 
-/// Shortens a force to `limit`. Returns a shorter force unchanged.
+/// Shortens a force to `limit`. Returns a shorter force unchanged. If the limit is NaN, so is the result, which is a
+/// fault.
 Vec3d limited(const Vec3d& force, double limit) noexcept {
   const double size = force.norm();
-  return size > limit ? Vec3d(force * (limit / size)) : force;
+  return size <= limit ? force : Vec3d(force * (limit / size));
 }
 
 /// Damping force along a contact normal, or damping torque along an axis. It may cancel the push but not turn it into a
@@ -249,7 +250,7 @@ void ForceRenderer::render(const Hold& hold, const ToolGrip& grip, const DeviceS
 Vec3d slewed(const Vec3d& wanted, const Vec3d& before, double max_change) noexcept {
   const Vec3d change = wanted - before;
   const double size = change.norm();
-  return size > max_change ? Vec3d(before + change * (max_change / size)) : wanted;
+  return size <= max_change ? wanted : Vec3d(before + change * (max_change / size));
 }
 
 /// Adds the fading force and torque of a withdrawn object.

@@ -7,6 +7,7 @@
 #include "host_service/model_store.hpp"
 #include "realtime/process.hpp"
 #include "wire/address/command_line.hpp"
+#include "wire/address/finite_range.hpp"
 
 namespace {
 
@@ -52,6 +53,7 @@ int main(int argc, char** argv) {
   app.add_option("--at", at, "Position of the first MODEL, m; the next ones follow along x")
       ->expected(3)
       ->allow_extra_args(false)  // a MODEL may follow
+      ->check(wire::finite_number())
       ->capture_default_str();
   app.add_option("MODEL", models, ".spm files, or model files to build; served under their file names");
   try {

@@ -7,6 +7,7 @@
 #include "realtime/process.hpp"
 #include "ros2/bridge.hpp"
 #include "wire/address/command_line.hpp"
+#include "wire/address/finite_range.hpp"
 #include "wire/ros2.hpp"
 
 namespace {
@@ -39,7 +40,7 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(0, wire::kMaxRosDomain))
       ->capture_default_str();
   app.add_option("--rate", options.rate, "Messages a second on each topic of a user, 1 to 1000")
-      ->check(CLI::Range(1.0, 1000.0))
+      ->check(wire::finite_range(1.0, 1000.0))
       ->capture_default_str();
   app.add_option("--frame", options.frame, "Name of the world frame in ROS")->capture_default_str();
   app.add_flag("--read-only", is_read_only, "Ignore target poses");

@@ -19,6 +19,7 @@
 #include "tools/audit.hpp"
 #include "tools/audit_report.hpp"
 #include "tools/mesh_report.hpp"
+#include "wire/address/finite_range.hpp"
 
 namespace tactus::tools {
 namespace {
@@ -262,13 +263,13 @@ class CommandLine {
                             ->check(CLI::IsMember({"mm", "cm", "m"}))
                             ->capture_default_str();
     size_ = build_->add_option("--size", settings_.size, "Longest side in metres, instead of --unit")
-                ->check(CLI::PositiveNumber)
+                ->check(wire::finite_positive())
                 ->excludes(unit);
     build_
         ->add_option("--pairs", settings_.pairs_mm,
                      "Distance in millimetres below which vertices are contracted even if the topology changes; closes "
                      "cracks and tunnels in coarse versions")
-        ->check(CLI::NonNegativeNumber);
+        ->check(wire::finite_non_negative());
     build_->add_flag("--allow-losses", settings_.allow_losses,
                      "Build even if most vertices or faces of MODEL are dropped");
     build_->add_option("--threads", settings_.threads,
@@ -345,10 +346,10 @@ class CommandLine {
   }
   void add_report(CLI::App* command) {
     command->add_option("--radius", settings_.radius_mm, "Probe radius of the certificate, in mm")
-        ->check(CLI::PositiveNumber)
+        ->check(wire::finite_positive())
         ->capture_default_str();
     command->add_option("--speed", settings_.speed, "Probe speed of the certificate, in m/s")
-        ->check(CLI::PositiveNumber)
+        ->check(wire::finite_positive())
         ->capture_default_str();
     command->add_flag("--json", settings_.json, "Report as JSON");
   }

@@ -9,6 +9,7 @@
 
 #include "spm/directory.hpp"
 #include "wire/address/command_line.hpp"
+#include "wire/address/finite_range.hpp"
 
 namespace tactus::hrtc_service {
 namespace {
@@ -81,11 +82,13 @@ void add_cycle_options(CLI::App& app, Arguments& given, HrtcOptions& options) {
   app.add_option("--users", options.max_users, "Maximum number of probes")
       ->capture_default_str()
       ->check(CLI::Range(1u, kMaxProbes));
-  app.add_option("--rate", given.rate, "Cycles per second")->capture_default_str()->check(CLI::Range(100.0, 10000.0));
+  app.add_option("--rate", given.rate, "Cycles per second")
+      ->capture_default_str()
+      ->check(wire::finite_range(100.0, 10000.0));
   app.add_option("--deadline", given.deadline_us,
                  "Maximum time of a cycle's own work, us; limits refinement (default: 25 % of the period of the "
                  "cycles, with --tool 40 %)")
-      ->check(CLI::Range(20.0, 10000.0));
+      ->check(wire::finite_range(20.0, 10000.0));
   app.add_option("--priority", options.haptic.priority,
                  "SCHED_FIFO priority of the haptic thread and of drivers; 0: none")
       ->capture_default_str()
@@ -96,21 +99,21 @@ void add_force_options(CLI::App& app, Arguments& given, HrtcOptions& options) {
   haptics::ForceSettings& force = options.servo.cycle.force;
   app.add_option("--tip-radius", given.radius_mm, "Radius of every tip, mm")
       ->capture_default_str()
-      ->check(CLI::Range(0.1, 100.0));
+      ->check(wire::finite_range(0.1, 100.0));
   app.add_option("--max-force", force.max_force, "Maximum force, N")
       ->capture_default_str()
-      ->check(CLI::Range(0.1, 100.0));
+      ->check(wire::finite_range(0.1, 100.0));
   app.add_option(
       "--tool", options.tool,
       "Tool of every user, with six degrees of freedom, instead of a sphere: 'stylus', or a mesh file in metres "
       "with its origin at the device's tip");
   app.add_option("--max-torque", force.max_torque, "Maximum torque, N m")
       ->capture_default_str()
-      ->check(CLI::Range(0.001, 10.0));
+      ->check(wire::finite_range(0.001, 10.0));
   app.add_option("--gateway-patience", options.servo.gateway_patience,
                  "Time for which fixed objects can be touched while the gateway does not run, s")
       ->capture_default_str()
-      ->check(CLI::Range(0.0, 3600.0));
+      ->check(wire::finite_range(0.0, 3600.0));
 }
 
 void add_device_options(CLI::App& app, Arguments& given) {
@@ -121,9 +124,10 @@ void add_device_options(CLI::App& app, Arguments& given) {
                  "(docs/how-to/own-device.md)");
   app.add_option("--device-scale", given.frame_scale, "World metres per device metre, for devices at this machine")
       ->capture_default_str()
-      ->check(CLI::Range(1e-3, 1e3));
+      ->check(wire::finite_range(1e-3, 1e3));
   app.add_option("--device-offset", given.frame_offset, "Origin of the devices at this machine in the world, m")
-      ->expected(3);
+      ->expected(3)
+      ->check(wire::finite_number());
 }
 
 void add_file_options(CLI::App& app, HrtcOptions& options) {
@@ -133,7 +137,7 @@ void add_file_options(CLI::App& app, HrtcOptions& options) {
                  "Time of the newest cycles in memory, s; written to a file for tactus replay after a fault, an "
                  "emergency stop or SIGUSR1; 0: no recorder")
       ->capture_default_str()
-      ->check(CLI::Range(0.0, 3600.0));
+      ->check(wire::finite_range(0.0, 3600.0));
   app.add_option("--flight-folder", options.flight.folder, "Folder for the files of the flight recorder")
       ->capture_default_str();
   app.add_option("--flight-file", options.flight.file, "File for the flight recording at the end of the program");
@@ -141,10 +145,11 @@ void add_file_options(CLI::App& app, HrtcOptions& options) {
 
 void add_session_options(CLI::App& app, HrtcOptions& options) {
   app.add_option("--wait-host", options.host_patience,
-                 "Time to wait for a first host before the program ends, s; 0: no limit");
+                 "Time to wait for a first host before the program ends, s; 0: no limit")
+      ->check(wire::finite_non_negative());
   app.add_option("--state-rate", options.state_rate, "Maximum rate of probe states, Hz")
       ->capture_default_str()
-      ->check(CLI::Range(1.0, 10000.0));
+      ->check(wire::finite_range(1.0, 10000.0));
   app.add_flag("--coding,!--no-coding", options.uses_deadband,
                "Send deadband-coded states to the session (default), or with --no-coding every probe state");
   app.add_flag("--reference-timer", options.reference_timer,

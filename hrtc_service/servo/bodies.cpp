@@ -25,7 +25,7 @@ double force_share(double limited, double unlimited) noexcept {
 }
 
 /// Returns the factor that reduces `size` to `max`, at most 1.
-double clamp_factor(double size, double max) noexcept { return size > max ? max / size : 1.0; }
+double clamp_factor(double size, double max) noexcept { return size <= max ? 1.0 : max / size; }
 
 /// Returns the part of `vector` that has the length `length`, at most the whole vector.
 Vec3d part_of(const Vec3d& vector, double length) noexcept {

@@ -135,6 +135,7 @@ TEST_F(WrongInputTest, IsRefusedByTheHost) {
                              {{"--config", path("host.yaml")}, {"host.yaml:2", "unknown key 'modell'"}},
                              {{"--config", path("missing.yaml")}, {"missing.yaml"}},
                              {{"--at", "0", "0", path("good.spm")}, {"--at"}},
+                             {{"--at", "0", "nan", "0", path("good.spm")}, {"--at", "nan", "finite"}},
                              {{"--cache", path("good.ply/below"), path("good.ply")}, {"good.ply/below", "cannot"}},
                          });
 }
@@ -160,6 +161,8 @@ TEST_F(WrongInputTest, IsRefusedByTheHrtc) {
           {{"--memory", "64MiB", "--pool", "1000"}, {"--memory", "--pool"}},
           {{"--users", "9"}, {"--users", "9", "8"}},
           {{"--rate", "1"}, {"--rate", "100"}},
+          {{"--max-force", "nan"}, {"--max-force", "nan", "0.1 to 100"}},
+          {{"--device-offset", "0", "0", "inf"}, {"--device-offset", "inf", "finite"}},
           {{"--priority", "99"}, {"--priority", "98"}},
           {{"--wait-host", "soon"}, {"--wait-host", "soon"}},
           {{"--replay", "ann"}, {"--replay", "ann", "expected USER=FILE"}},
@@ -192,6 +195,7 @@ TEST_F(WrongInputTest, IsRefusedByTheSimulation) {
                  {
                      {{"surplus"}, {"surplus"}},
                      {{"--seconds", "0"}, {"--seconds", "0.1"}},
+                     {{"--seconds", "nan"}, {"--seconds", "nan", "0.1"}},
                      {{"--patience", "-1"}, {"--patience", "0.1"}},
                      {{"--scenario", "dmeo"}, {"'dmeo'", "touch, follow, lift, grab, demo", "nor a readable file"}},
                      {{"--scenario", path("key.yaml")}, {"key.yaml:5:", "unknown key 'spede'", "expected"}},
@@ -213,9 +217,12 @@ TEST_F(WrongInputTest, IsRefusedByWatchAndTop) {
                               {{"records", "--from", "museum"}, {"tactus_records", "--from", "expected another"}},
                               {{"roster", "--count", "0"}, {"--count", "0"}},
                               {{"roster", "--for", "soon"}, {"--for", "soon"}},
+                              {{"roster", "--for", "nan"}, {"--for", "nan", "0.1"}},
                           });
   expect_refused("top", wrong_session_options({}));
-  expect_refused("top", {{{"surplus"}, {"surplus"}}, {{"--interval", "0"}, {"--interval", "0.1"}}});
+  expect_refused("top", {{{"surplus"}, {"surplus"}},
+                         {{"--interval", "0"}, {"--interval", "0.1"}},
+                         {{"--interval", "nan"}, {"--interval", "nan", "0.1"}}});
 }
 
 TEST_F(WrongInputTest, IsRefusedByRos2) {
@@ -225,6 +232,7 @@ TEST_F(WrongInputTest, IsRefusedByRos2) {
                              {{"--ros-domain", "233"}, {"--ros-domain", "233", "232"}},
                              {{"--ros-domain", "22"}, {"--ros-domain: found 22", "expected one outside 20 to 22"}},
                              {{"--rate", "2000"}, {"--rate", "2000", "1000"}},
+                             {{"--rate", "nan"}, {"--rate", "nan", "1000"}},
                              {{"--hrtc", "desk", "--read-only"}, {"--hrtc", "--read-only"}},
                              memory_of_999_slots(),
                          });
@@ -250,6 +258,8 @@ TEST_F(WrongInputTest, IsRefusedByTheMeshTool) {
                      {{"build", path("garbage.ply"), out}, {"garbage.ply"}},
                      {{"build", path("good.ply"), path("no/such.spm")}, {"no/such.spm", "cannot be written"}},
                      {{"build", path("good.ply"), path("empty_qos")}, {"empty_qos", "cannot be written"}},
+                     {{"build", "--size", "nan", path("good.ply"), out}, {"--size", "nan", "above 0"}},
+                     {{"build", "--pairs", "nan", path("good.ply"), out}, {"--pairs", "nan", "at least 0"}},
                      {{"info", path("missing.spm")}, {"missing.spm"}},
                      {{"info", path("flipped.spm")}, {"flipped.spm", "checksum"}},
                      {{"info", path("newer.spm")},

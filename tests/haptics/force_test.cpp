@@ -65,6 +65,19 @@ TEST(Force, SaturatesAtTheSmallerLimitOfSettingsAndDevice) {
   EXPECT_TRUE(result.bits & kForceSaturated);
 }
 
+TEST(Force, LatchesZeroWhenALimitIsNaN) {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  ForceSettings force = settings_without_ramps(), slew = settings_without_ramps();
+  force.max_force = kNan;
+  slew.max_slew = kNan;
+  for (const ForceSettings& settings : {force, slew}) {
+    ForceRenderer renderer{settings, DeviceSpec{}};
+    const ForceResult result = renderer.step(floor_contact(0.1), DeviceState{}, {1000, 0}, kFreshAge, kCycle);
+    EXPECT_EQ(result.fault, Fault::kForceNotFinite);
+    EXPECT_EQ(result.force, Vec3d(Vec3d::Zero()));
+  }
+}
+
 TEST(Force, StartsSoftly) {
   ForceSettings settings;
   ForceRenderer renderer{settings, DeviceSpec{}};

@@ -7,6 +7,7 @@
 
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "hrtc_service/program/opened_devices.hpp"
@@ -76,6 +77,27 @@ TEST(HrtcOptions, TheDeadlineIsAShareOfThePeriodUnlessItIsGiven) {
   EXPECT_EQ(deadline_ns({"--rate", "100"}), 2'500'000) << "refinement has the same share of the time at each rate";
   EXPECT_EQ(deadline_ns({"--rate", "10000"}), 25'000);
   EXPECT_EQ(deadline_ns({"--rate", "100", "--deadline", "60"}), 60'000);
+}
+
+TEST(HrtcOptions, NumbersAreFinite) {
+  const std::vector<std::pair<std::string, std::string>> options{
+      {"--rate", "in range 100 to 10000"},
+      {"--deadline", "in range 20 to 10000"},
+      {"--tip-radius", "in range 0.1 to 100"},
+      {"--max-force", "in range 0.1 to 100"},
+      {"--max-torque", "in range 0.001 to 10"},
+      {"--gateway-patience", "in range 0 to 3600"},
+      {"--device-scale", "in range 0.001 to 1000"},
+      {"--flight-recorder", "in range 0 to 3600"},
+      {"--wait-host", "a finite number of at least 0"},
+      {"--state-rate", "in range 1 to 10000"},
+  };
+  for (const auto& [option, expected] : options)
+    for (const char* number : {"nan", "-nan(1)", "inf", "-inf", "1e999"})
+      EXPECT_THAT(refusal({option, number}), HasSubstr(option + ": Value " + number + " not " + expected));
+  for (const char* number : {"nan", "inf"})
+    EXPECT_THAT(refusal({"--device-offset", "0", number, "0"}),
+                HasSubstr(std::string{"--device-offset: Value "} + number + " not a finite number"));
 }
 
 TEST(HrtcOptions, AVertexOfAToolIsAtMostOneMetreFromItsTip) {

@@ -4,6 +4,7 @@
 
 #include <cstring>
 #include <limits>
+#include <memory>
 #include <random>
 
 namespace tactus::hrtc_service {
@@ -132,6 +133,18 @@ TEST_P(LocalDeviceTest, TheForceAtTheHandHasTheLimitsOfTheHrtc) {
     step(wrong);
     EXPECT_EQ(device_.written.norm(), 0) << "in the world: " << wrong << " N";
   }
+}
+
+TEST_P(LocalDeviceTest, ALimitThatIsNaNMakesTheForceZero) {
+  HandLimits limits;
+  limits.max_force = kNan;
+  const auto link = std::make_unique<DeviceLink>();
+  ProbeDevices devices{
+      *link, {&device_}, haptics::DeviceFrame{Eigen::Quaterniond::Identity(), Vec3d::Zero(), GetParam()}, limits};
+  outputs_[0].force = {1, 0, 0};
+  devices.read(now_ns_, inputs_);
+  devices.write(outputs_);
+  EXPECT_EQ(device_.written.norm(), 0);
 }
 
 // With a larger scale, the renderer sees the speed in the world.

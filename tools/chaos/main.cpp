@@ -21,6 +21,7 @@
 #include "tools/chaos/plan.hpp"
 #include "tools/chaos/programs.hpp"
 #include "wire/address/command_line.hpp"
+#include "wire/address/finite_range.hpp"
 #include "wire/endpoints.hpp"
 #include "wire/inbox.hpp"
 
@@ -342,18 +343,18 @@ int main(int argc, char** argv) {
   app.add_option("--seed", options.seed, "Number that selects the faults")->capture_default_str();
   app.add_option("--seconds", options.seconds, "Time in which faults begin")
       ->capture_default_str()
-      ->check(CLI::Range(0.0, 1e6));
+      ->check(wire::finite_range(0.0, 1e6));
   app.add_option("--pause", options.pause, "Max seconds from a recovery to the next fault")
       ->capture_default_str()
-      ->check(CLI::Range(0.0, 3600.0));
+      ->check(wire::finite_range(0.0, 3600.0));
   app.add_option("--patience", options.patience, "Seconds in which the session has to recover from a fault")
       ->capture_default_str()
-      ->check(CLI::Range(0.5, 3600.0));
+      ->check(wire::finite_range(0.5, 3600.0));
   app.add_flag("--restart", options.restart, "Also kill hosts and HRTCs, and start them again with their command");
   app.add_flag("--with-devices", options.with_devices, "Permit faults although an HRTC has a device with a driver");
   app.add_option("--max-force", options.health.max_force, "Largest force that a probe may have, N")
       ->capture_default_str()
-      ->check(CLI::PositiveNumber);
+      ->check(wire::finite_positive());
   app.add_option("--json", options.json, "Also write the results to this file");
   try {
     app.parse(argc, argv);

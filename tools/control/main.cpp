@@ -17,6 +17,7 @@
 #include "session/stop_latch.hpp"
 #include "session/units.hpp"
 #include "wire/address/command_line.hpp"
+#include "wire/address/finite_range.hpp"
 #include "wire/endpoints.hpp"
 #include "wire/inbox.hpp"
 
@@ -232,7 +233,7 @@ int main(int argc, char** argv) {
   wire::add_address_options(app, address, "program");
   app.add_option("--patience", request.patience, "Seconds to wait for hosts and HRTCs and for acknowledgements")
       ->capture_default_str()
-      ->check(CLI::Range(0.1, 3600.0));
+      ->check(wire::finite_range(0.1, 3600.0));
   const auto with_reason = [&](CLI::App* sub) {
     sub->add_option("--reason", request.text, "Text for the logs and reports of all programs")
         ->check([](const std::string& text) -> std::string {

@@ -7,6 +7,7 @@
 #include "tools/doctor/findings.hpp"
 #include "tools/doctor/vulnerabilities.hpp"
 #include "wire/address/command_line.hpp"
+#include "wire/address/finite_range.hpp"
 #include "wire/footprint.hpp"
 
 namespace {
@@ -40,7 +41,7 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(1, 98));
   app.add_option("--seconds", settings.seconds, "Duration of the wake-up measurement")
       ->capture_default_str()
-      ->check(CLI::Range(0.1, 3600.0));
+      ->check(wire::finite_range(0.1, 3600.0));
   app.add_flag("--vulnerabilities", lists_vulnerabilities,
                "Only list the published vulnerabilities of the DDS library, and their mitigations");
   app.add_flag("--json", as_json, "Print the findings as JSON");

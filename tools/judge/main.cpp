@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "tools/judge/judge.hpp"
+#include "wire/address/finite_range.hpp"
 
 namespace {
 
@@ -45,7 +46,7 @@ int main(int argc, char** argv) {
       "Regions are evicted and loaded again, because the compressed caches are too small for the touched ones");
   app.add_option("--received-share", expectations.received_share,
                  "Share of all vertex splits that an HRTC may receive, from 0 to 1")
-      ->check(CLI::Range(0.0, 1.0));
+      ->check(wire::finite_range(0.0, 1.0));
   app.add_flag("--json", as_json, "Print the rows as JSON");
   try {
     app.parse(argc, argv);

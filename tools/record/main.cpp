@@ -27,6 +27,7 @@
 #include "trace/mcap.hpp"
 #include "trace/private_file.hpp"
 #include "wire/address/command_line.hpp"
+#include "wire/address/finite_range.hpp"
 #include "wire/tap.hpp"
 
 namespace {
@@ -332,7 +333,7 @@ int main(int argc, char** argv) {
   wire::add_address_options(app, address, "program");
   app.add_option("--seconds", settings.seconds, "Duration in seconds; 0: until Ctrl-C")
       ->capture_default_str()
-      ->check(CLI::Range(0.0, 1e6));
+      ->check(wire::finite_range(0.0, 1e6));
   app.add_flag("!--without-bulk", settings.bulk, "Omit base meshes and records");
   app.add_flag("!--no-scene", settings.scene, "Omit the topics that Foxglove and Lichtblick draw");
   app.add_option("--to-csv", csv, "Write each topic of FILE as a table into this directory, instead of recording");

@@ -13,6 +13,7 @@
 #include "tools/terminal_output.hpp"
 #include "tools/top/overview.hpp"
 #include "wire/address/command_line.hpp"
+#include "wire/address/finite_range.hpp"
 #include "wire/endpoints.hpp"
 #include "wire/inbox.hpp"
 
@@ -179,11 +180,11 @@ int main(int argc, char** argv) {
   app.footer(kExamples);
   wire::add_address_options(app, options.address, "program");
   app.add_option("--interval", options.interval, "Seconds between two screens; default 0.5, with --once 2.5")
-      ->check(CLI::Range(0.1, 3600.0));
+      ->check(wire::finite_range(0.1, 3600.0));
   app.add_flag("--once", options.once, "Print one screen as plain text after one interval, then end");
   app.add_option("--patience", options.patience, "With --once: seconds to wait for the first participant")
       ->capture_default_str()
-      ->check(CLI::Range(0.1, 3600.0));
+      ->check(wire::finite_range(0.1, 3600.0));
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -13,6 +13,7 @@
 #include "tools/terminal_output.hpp"
 #include "tools/watch/sample_text.hpp"
 #include "wire/address/command_line.hpp"
+#include "wire/address/finite_range.hpp"
 #include "wire/inbox.hpp"
 #include "wire/tap.hpp"
 #include "wire/topics.hpp"
@@ -223,7 +224,7 @@ int main(int argc, char** argv) {
   app.add_flag("--json", options.json, "Print each sample as one JSON object on one line");
   app.add_option("--count", options.count, "End after this number of samples")
       ->check(CLI::Range(std::uint64_t{1}, std::uint64_t{1'000'000'000'000}));
-  app.add_option("--for", options.seconds, "End after this time in seconds")->check(CLI::Range(0.1, 1e6));
+  app.add_option("--for", options.seconds, "End after this time in seconds")->check(wire::finite_range(0.1, 1e6));
   app.add_option("--user", options.filter.user, "Print only samples of this user");
   app.add_option("--from", options.filter.from, "Print only samples of this participant");
   try {
