@@ -31,7 +31,8 @@ using Numbers = py::array_t<double, py::array::c_style | py::array::forcecast>;
 
 [[nodiscard]] std::string shape_text(const py::array& array);
 
-/// Returns the rows of an array of shape (n, 3), which must outlive the span. Throws std::invalid_argument.
+/// Returns the rows of an array of shape (n, 3), which must outlive the span. Throws std::invalid_argument if a row is
+/// not finite.
 [[nodiscard]] std::span<const std::array<double, 3>> points_in(const Numbers& array, const char* name);
 /// Returns the vector in an array of shape (3,). Throws std::invalid_argument if it is not finite.
 [[nodiscard]] spm::Vec3d vector_in(const Numbers& array, const char* name);

@@ -5,6 +5,7 @@
 #include <pybind11/stl/filesystem.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <functional>
 #include <utility>
@@ -71,15 +72,18 @@ std::shared_ptr<SharedModel> build(const SourcedMesh& mesh, std::optional<double
                                    double pair_distance, bool allow_losses, unsigned threads,
                                    const py::object& progress) {
   // The limits of `tactus mesh build`.
-  require(!size || *size > 0, "size: found " + std::to_string(size.value_or(0)) + ", expected above 0");
-  require(metres_per_unit > 0, "metres_per_unit: found " + std::to_string(metres_per_unit) + ", expected above 0");
+  require(!size || (*size > 0 && std::isfinite(*size)),
+          "size: found " + std::to_string(size.value_or(0)) + ", expected a finite number above 0");
+  require(metres_per_unit > 0 && std::isfinite(metres_per_unit),
+          "metres_per_unit: found " + std::to_string(metres_per_unit) + ", expected a finite number above 0");
   require(base_faces >= 1 && base_faces < spm::kMaxFaces,
           "base_faces: found " + std::to_string(base_faces) + ", expected 1 to " + std::to_string(spm::kMaxFaces - 1));
   require(cell_faces >= 8 && cell_faces <= 1u << 20,
           "cell_faces: found " + std::to_string(cell_faces) + ", expected 8 to " + std::to_string(1u << 20));
   require(grid_bits == 0 || (grid_bits >= 4 && grid_bits <= 20),
           "grid_bits: found " + std::to_string(grid_bits) + ", expected 0 or 4 to 20");
-  require(pair_distance >= 0, "pair_distance: found " + std::to_string(pair_distance) + ", expected at least 0");
+  require(pair_distance >= 0 && std::isfinite(pair_distance),
+          "pair_distance: found " + std::to_string(pair_distance) + ", expected a finite number of at least 0");
   spm::offline::BuildOptions options;
   options.size = size;
   options.metres_per_unit = metres_per_unit;
@@ -222,6 +226,8 @@ std::string shape_text(const py::array& array) { return py::str(array.attr("shap
 std::span<const std::array<double, 3>> points_in(const Numbers& array, const char* name) {
   require(array.ndim() == 2 && array.shape(1) == 3,
           std::string{name} + ": found shape " + shape_text(array) + ", expected (n, 3)");
+  require(std::all_of(array.data(), array.data() + array.size(), [](double x) { return std::isfinite(x); }),
+          std::string{name} + ": found a number that is not finite");
   return {reinterpret_cast<const std::array<double, 3>*>(array.data()), static_cast<std::size_t>(array.shape(0))};
 }
 

@@ -162,6 +162,8 @@ class ScriptRefinement {
   };
 
   void move(const Vec3d& position, double time, bool in_contact) {
+    constexpr double kMaxTime = 1e9;  // s; the prediction needs times that are exact to a microsecond
+    require(std::abs(time) <= kMaxTime, "time: found " + std::to_string(time) + " s, expected -1e9 to 1e9 s");
     require(!time_ || time > *time_, "time: found " + std::to_string(time) + " s, expected above " +
                                          std::to_string(time_.value_or(0)) + " s, the time of the previous pose");
     Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
@@ -190,18 +192,21 @@ class ScriptRefinement {
   std::mutex mutex_;
 };
 
-void require_length(const char* name, double value) {
+void require_not_negative(const char* name, double value) {
   require(value >= 0 && std::isfinite(value),
-          std::string{name} + ": found " + std::to_string(value) + ", expected a finite length of at least 0");
+          std::string{name} + ": found " + std::to_string(value) + ", expected a finite number of at least 0");
 }
 
 std::unique_ptr<ScriptRefinement> make_refinement(std::shared_ptr<const SharedModel> model, double radius,
                                                   std::uint64_t memory, double refine_margin, double retain_margin,
                                                   double look_ahead, double load_ahead, double min_speed,
                                                   std::uint32_t targets) {
-  require_length("radius", radius);
-  require_length("refine_margin", refine_margin);
-  require_length("retain_margin", retain_margin);
+  require_not_negative("radius", radius);
+  require_not_negative("refine_margin", refine_margin);
+  require_not_negative("retain_margin", retain_margin);
+  require_not_negative("look_ahead", look_ahead);
+  require_not_negative("load_ahead", load_ahead);
+  require_not_negative("min_speed", min_speed);
   spm::LocalRefinementSettings settings;
   settings.memory = memory;
   settings.margins = {refine_margin, retain_margin};
@@ -216,7 +221,7 @@ std::unique_ptr<ScriptRefinement> make_refinement(std::shared_ptr<const SharedMo
 py::tuple find_contacts(ScriptRefinement& self, const Numbers& centres, std::optional<double> radius) {
   const auto points = points_in(centres, "centres");
   const double used = radius.value_or(self.radius());
-  require_length("radius", used);
+  require_not_negative("radius", used);
   std::vector<ContactRow> rows;
   std::vector<std::int64_t> ends{0};
   ends.reserve(points.size() + 1);
@@ -227,6 +232,7 @@ py::tuple find_contacts(ScriptRefinement& self, const Numbers& centres, std::opt
 
 py::array nearest(ScriptRefinement& self, const Numbers& points, double max_distance) {
   const auto centres = points_in(points, "points");
+  require(max_distance >= 0, "max_distance: found " + std::to_string(max_distance) + ", expected at least 0");
   std::vector<NearestRow> rows(centres.size());
   self.nearest(centres, max_distance, rows);
   return array_of_records(std::move(rows));
@@ -237,7 +243,7 @@ py::array sweep(ScriptRefinement& self, const Numbers& starts, const Numbers& en
   require(from.size() == to.size(), "ends: found " + std::to_string(to.size()) + " points, expected " +
                                         std::to_string(from.size()) + ", as in starts");
   const double used = radius.value_or(self.radius());
-  require_length("radius", used);
+  require_not_negative("radius", used);
   std::vector<SweepRow> rows(from.size());
   self.sweep(from, to, used, rows);
   return array_of_records(std::move(rows));
@@ -245,7 +251,8 @@ py::array sweep(ScriptRefinement& self, const Numbers& starts, const Numbers& en
 
 py::array follow(ScriptRefinement& self, const Numbers& path, double interval, std::uint32_t budget) {
   const auto points = points_in(path, "path");
-  require(interval > 0, "interval: found " + std::to_string(interval) + ", expected above 0");
+  require(interval > 0 && std::isfinite(interval),
+          "interval: found " + std::to_string(interval) + " s, expected a finite time above 0");
   std::vector<FrameRow> rows(points.size());
   self.follow(points, interval, budget, rows);
   return array_of_records(std::move(rows));
@@ -297,8 +304,9 @@ void add_refinement(py::module_& module) {
             self.approach(vector_in(position, "position"), time, in_contact);
           },
           py::arg("position"), py::arg("time"), py::arg("in_contact") = false,
-          "Moves the sphere, and loads the regions that it will meet soon.\n\ntime: s, ascending. in_contact: the\n"
-          "previous query found a contact.")
+          "Moves the sphere, and loads the regions that it will meet soon.\n\ntime: s, ascending, -1e9 to 1e9. "
+          "in_contact: "
+          "the\nprevious query found a contact.")
       .def("refine", &ScriptRefinement::refine, py::arg("budget") = 4000,
            "Refines near the sphere. Returns False if the budget, or the memory, did not suffice.\n\n"
            "budget: a change of the mesh costs 16, the visit of a record 1.")

@@ -215,8 +215,6 @@ std::pair<std::int64_t, std::int64_t> move(const ScriptSession& self, const std:
                                            double interval) {
   const auto points = points_in(path, "path");
   require(!points.empty(), "path: found no point, expected at least one");
-  for (const std::array<double, 3>& point : points)
-    for (const double x : point) require(std::isfinite(x), "path: found a number that is not finite");
   require(interval >= 1e-6 && interval <= 1e3,
           "interval: found " + std::to_string(interval) + " s, expected 0.000001 to 1000");
   self.require_session();

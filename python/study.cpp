@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cmath>
 #include <condition_variable>
 #include <cstddef>
 #include <exception>
@@ -137,7 +138,8 @@ std::shared_ptr<ScriptStudy> make_study(const std::optional<std::string>& file, 
   settings.collaboration = collaboration.value_or(settings.collaboration);
   settings.stiffness = stiffness.value_or(settings.stiffness);
   require(settings.seeds >= 1, "seeds: found 0, expected at least 1");
-  require(settings.scan.size > 0, "size: found " + std::to_string(settings.scan.size) + ", expected above 0");
+  require(settings.scan.size > 0 && std::isfinite(settings.scan.size),
+          "size: found " + std::to_string(settings.scan.size) + ", expected a finite number above 0");
   return std::make_shared<ScriptStudy>(std::move(settings));
 }
 

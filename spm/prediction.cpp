@@ -25,8 +25,10 @@ void Predictor::observe(double time, const Vec3d& position, bool in_contact) {
   if (!on_surface_) motion_segment_.restart();
   // Resamples the positions at even intervals, by linear interpolation.
   constexpr double kTolerance = 1e-9;
+  constexpr int kMaxSamples =
+      static_cast<int>(kGap / kSpacing) + 2;  // ends the loop if a time is too large to increase
   double next = count_ > 0 ? history_[newest_].time + kSpacing : time;
-  for (; next <= time + kTolerance; next += kSpacing) {
+  for (int i = 0; i < kMaxSamples && next <= time + kTolerance; ++i, next += kSpacing) {
     const double share = time > before.time ? std::min(1.0, (next - before.time) / (time - before.time)) : 1;
     newest_ = (newest_ + 1) % kHistory;
     history_[newest_] = {next, before.position + share * (position - before.position)};

@@ -70,7 +70,7 @@ class Predictor {
   Predictor(const RegionGrid& grid, PredictionSettings settings) : grid_{&grid}, settings_{settings} {}
 
   /// Adds the position of the tip's centre at `time`; times must ascend. If more than 0.1 s have passed since the
-  /// previous call, starts a new history.
+  /// previous call, starts a new history. Times above 1e9 s are too inexact for a prediction.
   void observe(double time, const Vec3d& position, bool in_contact);
 
   /// Adds to `out` the regions that the tip will touch within `lead` seconds after the last observation.

@@ -157,9 +157,11 @@ class ModelTest(FolderTest):
             self.model.refined_faces([count])
         with self.assertRaisesRegex(ValueError, r"centre: found shape \(2,\), expected \(3,\)"):
             self.model.regions_near([0, 0], 0.01)
-        for option, text in [("size", "size: found -1"), ("cell_faces", "cell_faces: found 2, expected 8 to"),
-                             ("grid_bits", "grid_bits: found 30, expected 0 or 4 to 20")]:
-            value = {"size": -1, "cell_faces": 2, "grid_bits": 30}[option]
+        for option, value, text in [("size", -1, "size: found -1"),
+                                    ("size", np.inf, "size: found inf, expected a finite"),
+                                    ("pair_distance", np.inf, "pair_distance: found inf, expected a finite"),
+                                    ("cell_faces", 2, "cell_faces: found 2, expected 8 to"),
+                                    ("grid_bits", 30, "grid_bits: found 30, expected 0 or 4 to 20")]:
             with self.assertRaisesRegex(ValueError, text):
                 tactus.build(self.mesh, **{option: value})
         with self.assertRaisesRegex(tactus.ModelError, "no surface: found 0 usable triangles"):

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <set>
 #include <vector>
@@ -84,6 +85,17 @@ TEST_F(Prediction, TheMixtureWantsThePathAndSomeCellsAroundIt) {
     const std::set<std::uint32_t> wanted = regions_of(predict(Strategy::kMixture, in_contact));
     EXPECT_TRUE(std::includes(wanted.begin(), wanted.end(), path.begin(), path.end()));
     EXPECT_GT(wanted.size(), path.size());
+  }
+}
+
+TEST_F(Prediction, EndsForTimesThatASpacingDoesNotIncrease) {
+  Predictor predictor{*grid_, {kRadius, kMargin, 0, Strategy::kMixture}};
+  for (const double time : {1e15, 1e18, 1e300, std::numeric_limits<double>::infinity()}) {
+    predictor.observe(time, {0, 0, 0}, true);
+    Predictor::Regions predicted;
+    predictor.predict(kLead, predicted);
+    predicted.sort();
+    EXPECT_FALSE(predicted.entries().empty()) << time;
   }
 }
 
