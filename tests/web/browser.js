@@ -57,12 +57,14 @@ class Browser {
     });
   }
 
-  async open(address, width, height) {
+  /// Opens a page in a new tab. `script` runs before the scripts of the page.
+  async open(address, width, height, script = "") {
     if (!this.session) await new Promise((resolve) => setTimeout(resolve, kStartMs));
     const { targetId } = await this.send("Target.createTarget", { url: "about:blank", width, height });
     this.session = (await this.send("Target.attachToTarget", { targetId, flatten: true })).sessionId;
     await this.send("Runtime.enable");
     await this.send("Page.enable");
+    await this.send("Page.addScriptToEvaluateOnNewDocument", { source: script });
     await this.send("Page.navigate", { url: address });
   }
 

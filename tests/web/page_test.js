@@ -129,6 +129,30 @@ async function touch(browser, address) {
   await browser.until("document.getElementById('message').textContent.includes('truncated')", 10);
 }
 
+/// Chooses a model while the first worker runs `script`, and so has not started a session.
+async function chooseBeforeStart(browser, address, script, isReady, name) {
+  await browser.open(address, kWidth, kHeight, `{
+    let first = ${JSON.stringify(script)};
+    window.Worker = class extends Worker {
+      constructor(address) {
+        super(first ?? address);
+        first = null;
+      }
+    };
+  }`);
+  await browser.until(isReady, 20);
+  await browser.value("document.getElementById('small').click()");
+  await browser.until("window.tactus.frames > 0 || window.tactus.error !== null", 20).catch(() => {});
+  const [frames, error] = await browser.value("[window.tactus.frames, window.tactus.error]");
+  check(`frames of a model that is chosen ${name}`, error ?? frames, frames > 0 && error === null, "> 0");
+}
+
+async function chooseBeforeAnyStart(browser, address) {
+  await chooseBeforeStart(browser, address, "data:text/javascript,", "window.tactus !== undefined",
+                          "before the first worker has started");
+  await chooseBeforeStart(browser, address, "missing.js", "window.tactus?.error != null", "after the first worker has failed");
+}
+
 /// Rises and falls between 0 and 1.
 function triangleWave(ms, period) {
   const at = ms % period, half = Math.floor(period / 2);
@@ -160,7 +184,8 @@ async function compareWithNative() {
 
 const browser = new Browser(process.env.CHROMIUM ?? "chromium-headless-shell");
 serve(folder, 0, (address, server) => {
-  touch(browser, address).then(() => trace && compareWithNative()).catch((error) => {
+  const runs = [() => touch(browser, address), () => chooseBeforeAnyStart(browser, address), () => trace && compareWithNative()];
+  runs.reduce((before, run) => before.then(run), Promise.resolve()).catch((error) => {
     console.error(`page_test.js: ${error.message}; console: ${browser.log.join("; ") || "empty"}`);
     isBroken = true;
   }).finally(() => {

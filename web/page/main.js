@@ -64,15 +64,21 @@ for (const name of kSliders) {
 
 // ---- object ----
 
-let worker = null, workerStarted = null, newestFrame = null, reading = 0;
+let worker = null, newestFrame = null, reading = 0;
 let ready = false;  // the first mesh was drawn, so that the pointer can hit it
+let reportStart = null;
+/// Waits for the first message or error of any worker. The first worker may end before it sends one.
+const workerStarted = new Promise((resolve) => { reportStart = resolve; });
 
 /// Starts a session in a new worker, which also ends a build that is under way.
 function open(model, text) {
   worker?.terminate();
   worker = new Worker("worker.js");
-  workerStarted = new Promise((resolve) => { worker.onmessage = (event) => { resolve(); receive(event); }; });
-  worker.onerror = (event) => showError(event.message || "the session could not start");
+  worker.onmessage = (event) => { reportStart(); receive(event); };
+  worker.onerror = (event) => {
+    reportStart();  // so that another model can be chosen
+    showError(event.message || "the session could not start");
+  };
   ready = false;
   newestFrame = null;
   hand.clear();
