@@ -1,9 +1,11 @@
 #include "tools/mesh_tool.hpp"
 
 #include <CLI/CLI.hpp>
+#include <cerrno>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <cstring>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <ostream>
@@ -19,6 +21,7 @@
 #include "tools/audit.hpp"
 #include "tools/audit_report.hpp"
 #include "tools/mesh_report.hpp"
+#include "trace/private_file.hpp"
 #include "wire/address/finite_range.hpp"
 
 namespace tactus::tools {
@@ -204,19 +207,20 @@ int export_finest(const Settings& settings, const ToolStreams& streams) {
 }
 
 int audit_log(const Settings& settings, bool json, const ToolStreams& streams) {
-  std::ofstream file;
-  if (!settings.json_file.empty()) {  // opened before the audit, which takes up to a minute
-    file.open(settings.json_file);
-    if (!file) throw AuditError(settings.json_file + ": cannot be written");
-  }
+  // Checked before the audit, which takes up to a minute.
+  if (!settings.json_file.empty() && !trace::PrivateFile::can_write(settings.json_file))
+    throw AuditError(settings.json_file + ": cannot be written: " + std::strerror(errno));
   const AuditReport report = audit_files(settings.log, settings.model, settings.spm, settings.audit);
   if (json && settings.json_file.empty()) {
     streams.out << audit_json(report).dump(2) << "\n";
   } else {
     streams.out << audit_text(report);
   }
-  if (file.is_open() && !(file << audit_json(report).dump(2) << "\n" << std::flush))
-    throw AuditError(settings.json_file + ": cannot be written completely");
+  if (!settings.json_file.empty()) {
+    std::ofstream file{settings.json_file};
+    if (!(file << audit_json(report).dump(2) << "\n" << std::flush))
+      throw AuditError(settings.json_file + ": cannot be written completely");
+  }
   return report.clean() ? kDone : kCheckFailed;
 }
 

@@ -41,6 +41,7 @@ class WrongInputTest : public SessionTest {
     write("points.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n");
     write("garbage.ply", std::string(4096, '\xa5'));
     write("garbage.spm", std::string(4096, '\xa5'));
+    write("report.json", "{}\n");
     write("poses.csv", "0,0,0,0\n1,0,0,0.1\n");
     write("key.yaml", "name: x\nusers:\n  - name: ann\n    script:\n      - approach: {object: organ, spede: 1}\n");
     write("list.yaml", "- 1\n- 2\n");
@@ -271,6 +272,10 @@ TEST_F(WrongInputTest, IsRefusedByTheMeshTool) {
                      {{"generate", "sphere", path("no/such.ply")}, {"no/such.ply"}},
                      {{"audit", path("missing.log"), path("good.spm")}, {"missing.log"}},
                      {{"audit", path("garbage.spm"), path("good.ply")}, {"garbage.spm"}},
+                     {{"audit", path("missing.log"), path("good.spm"), "--json", path("report.json")}, {"missing.log"}},
+                     {{"audit", path("garbage.spm"), path("good.ply"), "--json", path("new.json")}, {"garbage.spm"}},
+                     {{"audit", path("missing.log"), path("good.spm"), "--json", path("no/such.json")},
+                      {"no/such.json: cannot be written: No such file"}},
                  });
 }
 
