@@ -21,6 +21,7 @@
 #include "tools/audit.hpp"
 #include "tools/audit_report.hpp"
 #include "tools/mesh_report.hpp"
+#include "tools/terminal_output.hpp"
 #include "trace/private_file.hpp"
 #include "wire/address/finite_range.hpp"
 
@@ -236,7 +237,7 @@ class CommandLine {
         "  tactus-mesh verify organ.spm organ.ply\n"
         "  tactus-mesh export organ.spm finest.ply\n"
         "  tactus-mesh audit hrtc-1.hlog organ.ply --spm organ.spm\n"
-        "Exit status: 0 done, 1 a check failed, 2 bad input.");
+        "Exit status: 0 done, 1 a check failed or the output could not be written, 2 bad input.");
     add_build();
     add_info();
     add_verify();
@@ -371,7 +372,9 @@ int run_mesh_tool(int argc, const char* const* argv, ToolStreams streams) {
   CommandLine line;
   try {
     line.app().parse(argc, argv);
-    return line.run(streams);
+    const int status = line.run(streams);
+    if (status != kDone || streams.out.flush()) return status;
+    return failed_output_status("tactus-mesh", errno, streams.errors);
   } catch (const CLI::ParseError& e) {
     return line.app().exit(e, streams.out, streams.errors) == 0 ? kDone : kBadInput;
   } catch (const std::bad_alloc&) {

@@ -13,7 +13,7 @@ struct ToolStreams {
 
 enum ExitCode {
   kDone = 0,
-  kCheckFailed = 1,  ///< `verify` or `audit` found a difference
+  kCheckFailed = 1,  ///< `verify` or `audit` found a difference, or the output could not be written
   kBadInput = 2
 };
 

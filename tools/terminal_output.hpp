@@ -19,10 +19,10 @@ namespace tactus::tools {
 }
 
 /// Returns the exit status of a program after a write to standard output failed with `error`, an errno. The end of the
-/// program that reads the output, such as `head`, is no failure. The program has to ignore SIGPIPE.
-[[nodiscard]] inline int failed_output_status(const char* program, int error) {
+/// program that reads the output, such as `head`, is no failure. It ends a program that does not ignore SIGPIPE.
+[[nodiscard]] inline int failed_output_status(const char* program, int error, std::ostream& errors = std::cerr) {
   if (error == EPIPE) return 0;
-  std::cerr << program << ": cannot write the output: " << std::strerror(error) << '\n';
+  errors << program << ": cannot write the output: " << std::strerror(error) << '\n';
   return 1;
 }
 

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cerrno>
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <string>
@@ -59,6 +60,24 @@ TEST_F(MeshTool, ExportsTheFinestMeshToTheBit) {
   // A model of the exported mesh restores the original mesh.
   ASSERT_EQ(run({"build", path("b.ply"), path("b.spm")}).code, kDone);
   EXPECT_EQ(run({"verify", path("b.spm"), path("a.ply")}).code, kDone);
+}
+
+TEST_F(MeshTool, FailsIfItsOutputCannotBeWritten) {
+  ASSERT_EQ(run({"generate", "organ", path("a.ply"), "--faces", "2000"}).code, kDone);
+  ASSERT_EQ(run({"build", path("a.ply"), path("a.spm")}).code, kDone);
+  const std::string ply = path("a.ply"), spm = path("a.spm"), new_ply = path("b.ply"), new_spm = path("b.spm");
+  const std::vector<std::vector<const char*>> commands{
+      {"tactus-mesh", "build", ply.c_str(), new_spm.c_str()},  {"tactus-mesh", "info", spm.c_str(), "--json"},
+      {"tactus-mesh", "verify", spm.c_str(), ply.c_str()},     {"tactus-mesh", "generate", "sphere", new_ply.c_str()},
+      {"tactus-mesh", "export", spm.c_str(), new_ply.c_str()},
+  };
+  for (const std::vector<const char*>& command : commands) {
+    std::ostringstream full, errors;
+    full.setstate(std::ios::badbit);
+    errno = ENOSPC;
+    EXPECT_EQ(run_mesh_tool(static_cast<int>(command.size()), command.data(), {full, errors, false}), 1) << command[1];
+    EXPECT_THAT(errors.str(), HasSubstr("tactus-mesh: cannot write the output: ")) << command[1];
+  }
 }
 
 TEST_F(MeshTool, VerifyFailsOnAnotherMesh) {

@@ -1,11 +1,13 @@
 // tactus-doctor: checks whether this machine is fit for a session, and states remedies.
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cerrno>
 #include <iostream>
 
 #include "realtime/process.hpp"
 #include "tools/doctor/findings.hpp"
 #include "tools/doctor/vulnerabilities.hpp"
+#include "tools/terminal_output.hpp"
 #include "wire/address/command_line.hpp"
 #include "wire/address/finite_range.hpp"
 #include "wire/footprint.hpp"
@@ -19,7 +21,10 @@ Examples:
   tactus-doctor --discovery-server 10.0.0.5
 
 A fault prevents a session. Without a remedy for advice, a session has more latency or loss. Remedies follow ->.
-Exit status: 0 no fault, 1 a fault, 2 wrong input, 130 interrupted.)";
+Exit status: 0 no fault, 1 a fault or the output could not be written, 2 wrong input, 130 interrupted.)";
+
+/// Returns the exit status after all output.
+int written() { return std::cout.flush() ? 0 : tactus::tools::failed_output_status("tactus-doctor", errno); }
 
 }  // namespace
 
@@ -53,17 +58,16 @@ int main(int argc, char** argv) {
   if (lists_vulnerabilities) {
     const std::string version = wire::library_version();
     std::cout << doctor::text(doctor::vulnerabilities(version), version);
-    return 0;
+    return written();
   }
   const std::atomic<bool>& cancelled = realtime::stop_signal();
   try {
     const std::vector<doctor::Finding> findings = doctor::judge(doctor::collect_facts(settings, cancelled));
     if (cancelled) return 130;
     std::cout << (as_json ? doctor::json(findings) : doctor::text(findings));
-    return std::any_of(findings.begin(), findings.end(),
-                       [](const doctor::Finding& f) { return f.severity == doctor::Severity::kFault; })
-               ? 1
-               : 0;
+    const bool has_fault = std::any_of(findings.begin(), findings.end(),
+                                       [](const doctor::Finding& f) { return f.severity == doctor::Severity::kFault; });
+    return has_fault ? 1 : written();
   } catch (const std::exception& error) {
     std::cerr << "tactus-doctor: " << error.what() << '\n';
     return 2;

@@ -1,10 +1,12 @@
 // tactus-judge: compares a session with its bounds.
 #include <CLI/CLI.hpp>
+#include <cerrno>
 #include <fstream>
 #include <iostream>
 #include <nlohmann/json.hpp>
 
 #include "tools/judge/judge.hpp"
+#include "tools/terminal_output.hpp"
 #include "wire/address/finite_range.hpp"
 
 namespace {
@@ -16,7 +18,7 @@ Example:
   tactus-mesh audit hrtc-2.hlog organ.ply --spm organ.spm --json audit-2.json
   tactus-judge report.json audit-1.json audit-2.json
 
-Exit status: 0 no row falls short, 1 a row falls short, 2 wrong input.)";
+Exit status: 0 no row falls short, 1 a row falls short or the output could not be written, 2 wrong input.)";
 
 nlohmann::json read(const std::string& path) {
   std::ifstream in{path};
@@ -58,7 +60,8 @@ int main(int argc, char** argv) {
     for (const std::string& audit : audits) read_audits.push_back(read(audit));
     const std::vector<judge::Row> rows = judge::judge(read(report), read_audits, expectations);
     std::cout << (as_json ? judge::json(rows).dump(2) + "\n" : judge::text(rows));
-    return judge::all_hold(rows) ? 0 : 1;
+    if (!judge::all_hold(rows)) return 1;
+    return std::cout.flush() ? 0 : tools::failed_output_status("tactus-judge", errno);
   } catch (const std::exception& error) {
     std::cerr << "tactus-judge: " << error.what() << '\n';
     return 2;

@@ -14,6 +14,7 @@
 
 #include "hrtc_service/flight_replay.hpp"
 #include "spm/offline/model_file.hpp"
+#include "tools/terminal_output.hpp"
 #include "trace/private_file.hpp"
 
 namespace {
@@ -25,8 +26,8 @@ Examples:
   tactus-replay desk-20261122T101500Z-1.mcap --model organ.spm --model tool.spm
   tactus-replay desk.mcap --model organ.spm --to-csv forces.csv
 
-Exit status: 0 every force is the same to the bit, 1 some forces differ, 2 wrong input: not a flight recording, another
-build, or a missing model.)";
+Exit status: 0 every force is the same to the bit, 1 some forces differ or the output could not be written, 2 wrong
+input: not a flight recording, another build, or a missing model.)";
 
 /// Writes a CSV file with a line for each probe and cycle. The file gets its name at `close`.
 class Table {
@@ -123,7 +124,8 @@ int main(int argc, char** argv) {
     const hrtc_service::FlightReport report = hrtc_service::replay_flight(file, options);
     if (table) table->close();
     print(report);
-    return report.different_cycles == 0 ? 0 : 1;
+    if (report.different_cycles > 0) return 1;
+    return std::cout.flush() ? 0 : tools::failed_output_status("tactus-replay", errno);
   } catch (const std::exception& error) {
     std::cerr << "tactus-replay: " << error.what() << '\n';
     return 2;
