@@ -8,8 +8,10 @@
 #include <cstring>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 #include <string>
+#include <utility>
 
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
@@ -130,15 +132,16 @@ void report_built(const Settings& settings, const BuiltModel& built, const Prove
 template <class Make>
 int build_into_file(const Settings& settings, const std::string& source, const ToolStreams& streams, Make make) {
   StageTimes times;
-  ProgressBar bar{streams};
+  std::optional<ProgressBar> bar{std::in_place, streams};
   const BuiltModel built = make([&](std::string_view stage, double done) {
     times.begin(stage);
-    bar.show(stage, done);
+    bar->show(stage, done);
   });
   const Provenance provenance{source, built.cleaned};
   times.begin("write");
   write_model(settings.out, built.model(), provenance);
   times.end();
+  bar.reset();  // the report begins on its line
   report_built(settings, built, provenance, streams, times);
   return kDone;
 }

@@ -80,6 +80,17 @@ TEST_F(MeshTool, FailsIfItsOutputCannotBeWritten) {
   }
 }
 
+TEST_F(MeshTool, TheProgressBarEndsBeforeTheReport) {
+  const std::string out = path("a.spm");
+  const std::vector<const char*> command{"tactus-mesh", "generate", "organ", out.c_str(), "--faces", "2000"};
+  std::ostringstream terminal;
+  ASSERT_EQ(run_mesh_tool(static_cast<int>(command.size()), command.data(), {terminal, terminal, true}), kDone);
+  const std::string shown = terminal.str();
+  const std::size_t bar = shown.rfind("\033[K");
+  ASSERT_NE(bar, std::string::npos);
+  EXPECT_THAT(shown.substr(bar), HasSubstr("built in "));
+}
+
 TEST_F(MeshTool, VerifyFailsOnAnotherMesh) {
   ASSERT_EQ(run({"generate", "organ", path("a.spm"), "--faces", "2000", "--seed", "1"}).code, kDone);
   ASSERT_EQ(run({"generate", "organ", path("b.stl"), "--faces", "2000", "--seed", "2"}).code, kDone);
