@@ -11,6 +11,7 @@
 #include "client_sim/sim.hpp"
 #include "realtime/process.hpp"
 #include "session/modes.hpp"
+#include "session/printable.hpp"
 #include "wire/address/command_line.hpp"
 #include "wire/address/finite_range.hpp"
 
@@ -125,7 +126,7 @@ int main(int argc, char** argv) {
       if (!file.empty()) expect_writable(file);
     client_sim::Sim sim{std::move(options)};
     const client_sim::Report report =
-        sim.run(stop, [](const std::string& text) { std::cerr << "tactus-sim: " << text << '\n'; });
+        sim.run(stop, [](const std::string& text) { std::cerr << "tactus-sim: " << session::printable(text) << '\n'; });
     std::cout << client_sim::text(report);
     if (!json.empty()) write_report(json, client_sim::json(report));
     if (!html.empty()) write_report(html, client_sim::html(report));
@@ -133,7 +134,7 @@ int main(int argc, char** argv) {
         std::all_of(report.users.begin(), report.users.end(), [](const auto& user) { return user.touch.states > 0; });
     return report.stop_reason.empty() && are_users_served ? 0 : 1;
   } catch (const std::exception& error) {
-    std::cerr << "tactus-sim: " << error.what() << '\n';
+    std::cerr << "tactus-sim: " << session::printable(error.what()) << '\n';
     return 2;
   }
 }

@@ -7,10 +7,12 @@
 #include <nlohmann/json.hpp>
 
 #include "session/figures.hpp"
+#include "session/printable.hpp"
 
 namespace tactus::client_sim {
 
 namespace figures = session::figures;
+using session::printable;
 
 namespace {
 
@@ -60,10 +62,10 @@ void write_users(const Report& report, std::string& out) {
       "  name            hrtc          touch s  exact s  contact s  exact %  mean N   max N  touches  taps\n";
   for (const UserReport& user : report.users) {
     const TouchTally& touch = user.touch;
-    out += line("  %-14s  %-12s  %7s  %7s  %9.2f  %7.2f  %6.2f  %6.2f  %7u  %4u\n", user.name.substr(0, 14).c_str(),
-                user.hrtc.substr(0, 12).c_str(), time_or_dash(touch.first_touch).c_str(),
-                time_or_dash(touch.first_exact).c_str(), touch.contact, 100 * touch.exact_share(), touch.force_mean(),
-                touch.force_max, touch.touches, user.taps);
+    out += line("  %-14s  %-12s  %7s  %7s  %9.2f  %7.2f  %6.2f  %6.2f  %7u  %4u\n",
+                printable(user.name.substr(0, 14)).c_str(), printable(user.hrtc.substr(0, 12)).c_str(),
+                time_or_dash(touch.first_touch).c_str(), time_or_dash(touch.first_exact).c_str(), touch.contact,
+                100 * touch.exact_share(), touch.force_mean(), touch.force_max, touch.touches, user.taps);
     if (touch.states == 0) out += "    no probe state was received\n";
     if (user.lifts + user.lifts_lost > 0)
       out += line("    lifts %u, lost during the lift %u\n", user.lifts, user.lifts_lost);
@@ -82,9 +84,9 @@ void write_objects(const Report& report, std::string& out) {
   out += "\nObjects that move      raised mm  held s    final mm    poses  takeovers\n";
   for (const ObjectReport& object : report.objects) {
     const MoveTally& moved = object.movement;
-    out +=
-        line("  %-18s  %10.1f  %6.2f  %10.1f  %7llu  %9u\n", object.name.substr(0, 18).c_str(), 1e3 * moved.max_raised,
-             moved.held_time(), 1e3 * moved.last_raised, static_cast<unsigned long long>(moved.poses), moved.takeovers);
+    out += line("  %-18s  %10.1f  %6.2f  %10.1f  %7llu  %9u\n", printable(object.name.substr(0, 18)).c_str(),
+                1e3 * moved.max_raised, moved.held_time(), 1e3 * moved.last_raised,
+                static_cast<unsigned long long>(moved.poses), moved.takeovers);
   }
   out += line("  energy injected between copies: %.4f mJ\n", 1e3 * injected_energy(report));
 }
@@ -97,7 +99,7 @@ constexpr std::pair<const char*, const char*> kInterventions[] = {
 
 void write_hrtc(const ParticipantReport& hrtc, std::uint64_t records_total, std::string& out) {
   const auto value = [&](const std::string& name) { return value_of(hrtc, name); };
-  out += "\nHRTC " + hrtc.name + (hrtc.present_at_end ? "\n" : " (gone before the end)\n");
+  out += "\nHRTC " + printable(hrtc.name) + (hrtc.present_at_end ? "\n" : " (gone before the end)\n");
   if (hrtc.figures.empty()) {
     out += "  published no figures\n";
     return;
@@ -167,7 +169,8 @@ void write_topics(const Report& report, std::string& out) {
     const TouchTally& touch = user.touch;
     const double sent = static_cast<double>(touch.states + touch.states_lost);
     out += line("  %-38s  %8llu  %6.2f  %8.0f  %11.0f  %7.0f  %7.0f\n",
-                ("probe_state of " + user.name).substr(0, 38).c_str(), static_cast<unsigned long long>(touch.states),
+                printable(("probe_state of " + user.name).substr(0, 38)).c_str(),
+                static_cast<unsigned long long>(touch.states),
                 sent > 0 ? 100 * static_cast<double>(touch.states_lost) / sent : 0.0,
                 touch.served > 0 ? static_cast<double>(touch.states) / touch.served : 0.0, touch.age_us.percentile(0.5),
                 touch.age_us.percentile(0.99), touch.age_us.percentile(1));
@@ -251,9 +254,9 @@ double injected_energy(const Report& report) {
 }
 
 std::string text(const Report& report) {
-  std::string out =
-      line("Session %s, scenario %s: %.1f s\n", report.session.c_str(), report.scenario.c_str(), report.duration);
-  if (!report.stop_reason.empty()) out += "Stopped early: " + report.stop_reason + "\n";
+  std::string out = line("Session %s, scenario %s: %.1f s\n", printable(report.session).c_str(),
+                         printable(report.scenario).c_str(), report.duration);
+  if (!report.stop_reason.empty()) out += "Stopped early: " + printable(report.stop_reason) + "\n";
   write_users(report, out);
   write_objects(report, out);
   for (const ParticipantReport& participant : report.participants) {
@@ -262,13 +265,13 @@ std::string text(const Report& report) {
   for (const ParticipantReport& participant : report.participants) {
     if (participant.role != session::Role::kHost) continue;
     out += line("\nHost %s%s\n  sent %.0f bytes, %.0f records in %.0f regions, to %.0f HRTCs\n",
-                participant.name.c_str(), participant.present_at_end ? "" : " (gone before the end)",
+                printable(participant.name).c_str(), participant.present_at_end ? "" : " (gone before the end)",
                 value_of(participant, figures::kHostBytes), value_of(participant, figures::kHostRecords),
                 value_of(participant, figures::kHostRegions), value_of(participant, figures::kHostHrtcs));
   }
   write_topics(report, out);
   if (!report.events.empty()) out += "\nEvents, from the start\n";
-  for (const ReportEvent& event : report.events) out += line("  %8.2f s  ", event.time) + event.text + "\n";
+  for (const ReportEvent& event : report.events) out += line("  %8.2f s  ", event.time) + printable(event.text) + "\n";
   return wrapped(out);
 }
 

@@ -4,6 +4,7 @@
 #include <iostream>
 
 #include "client_sim/scenario.hpp"
+#include "session/printable.hpp"
 
 namespace {
 
@@ -49,7 +50,7 @@ int main(int argc, char** argv) {
       std::cout << client_sim::built_in_scenario(name).text;
     return 0;
   } catch (const std::exception& error) {
-    std::cerr << "tactus-scenario: " << error.what() << '\n';
+    std::cerr << "tactus-scenario: " << session::printable(error.what()) << '\n';
     return 2;
   }
 }

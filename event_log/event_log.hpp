@@ -1,4 +1,4 @@
-/// Writes the log of a program to the standard error output, limited by LimitedSink.
+/// Writes the log of a program to the standard error output, through LimitedSink.
 #pragma once
 
 #include <string>
@@ -10,7 +10,7 @@ namespace tactus::event_log {
 /// Names this process in each later line of the log.
 void begin(const std::string& process);
 
-/// Writes a line. Any thread, not the haptic one.
+/// Writes a line, with "?" for each control character. Any thread, not the haptic one.
 void write(session::Severity severity, const std::string& text);
 
 }  // namespace tactus::event_log

@@ -1,4 +1,5 @@
-/// Limits the number of lines in a log, so that another program of the session cannot fill the disk.
+/// Limits the number of lines in a log, so that another program of the session cannot fill the disk, and replaces the
+/// control characters in each line.
 #pragma once
 
 #include <spdlog/sinks/dist_sink.h>
@@ -7,11 +8,15 @@
 #include <chrono>
 #include <cstdint>
 #include <mutex>
+#include <string>
+
+#include "session/printable.hpp"
 
 namespace tactus::event_log {
 
-/// Passes at most kMaxLines lines of each level in kWindow to another sink. If lines were left out, the next window
-/// begins with a line that states their number. Any thread.
+/// Passes at most kMaxLines lines of each level in kWindow to another sink. Replaces control characters, so that a text
+/// of another program stays within its line. If lines were left out, the next window begins with a line that states
+/// their number. Any thread.
 class LimitedSink final : public spdlog::sinks::dist_sink<std::mutex> {
  public:
   static constexpr std::uint32_t kMaxLines = 200;
@@ -29,10 +34,17 @@ class LimitedSink final : public spdlog::sinks::dist_sink<std::mutex> {
     if (++lines_[static_cast<std::size_t>(line.level)] > kMaxLines)
       ++left_out_;
     else
-      dist_sink::sink_it_(line);
+      write_printable(line);
   }
 
  private:
+  void write_printable(const spdlog::details::log_msg& line) {
+    const std::string text = session::printable({line.payload.data(), line.payload.size()});
+    spdlog::details::log_msg printable = line;
+    printable.payload = text;
+    dist_sink::sink_it_(printable);
+  }
+
   /// Writes how many lines were left out, with the time of `next`.
   void write_left_out(const spdlog::details::log_msg& next) {
     if (left_out_ == 0) return;

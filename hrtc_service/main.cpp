@@ -19,6 +19,7 @@
 #include "hrtc_service/servo/shared_block.hpp"
 #include "realtime/child_process.hpp"
 #include "realtime/process.hpp"
+#include "session/printable.hpp"
 #include "wire/participants.hpp"
 
 namespace {
@@ -88,7 +89,7 @@ int main(int argc, char** argv) {
       throw std::runtime_error("tactus-gateway is a part of tactus-hrtc, which starts it");
     return options->one_process ? run_both(*options) : run_gateway(*options);
   } catch (const std::exception& error) {
-    std::cerr << "tactus-hrtc: " << error.what() << '\n';
+    std::cerr << "tactus-hrtc: " << session::printable(error.what()) << '\n';
     return 2;
   }
 }

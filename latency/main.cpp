@@ -10,6 +10,7 @@
 #include "latency/run.hpp"
 #include "netem/profile.hpp"
 #include "realtime/process.hpp"
+#include "session/printable.hpp"
 #include "wire/address/command_line.hpp"
 #include "wire/participants.hpp"
 
@@ -171,7 +172,7 @@ int serve_all(const Options& o, const std::atomic<bool>& cancelled) {
       serve(control, o.settings.side, cancelled);
       std::cerr << "the pinger has finished\n";
     } catch (const std::exception& error) {  // the next pinger may succeed
-      if (!cancelled) std::cerr << "tactus-latency: " << error.what() << '\n';
+      if (!cancelled) std::cerr << "tactus-latency: " << tactus::session::printable(error.what()) << '\n';
     }
   }
   ::close(listener);
@@ -210,7 +211,7 @@ int main(int argc, char** argv) {
   try {
     return *serve_command ? serve_all(options, cancelled) : run(options, run_info(argc, argv), cancelled);
   } catch (const std::exception& error) {
-    std::cerr << "tactus-latency: " << error.what() << '\n';
+    std::cerr << "tactus-latency: " << tactus::session::printable(error.what()) << '\n';
     return kWrongInput;
   }
 }

@@ -6,6 +6,7 @@
 #include "event_log/event_log.hpp"
 #include "realtime/process.hpp"
 #include "ros2/bridge.hpp"
+#include "session/printable.hpp"
 #include "wire/address/command_line.hpp"
 #include "wire/address/finite_range.hpp"
 #include "wire/ros2.hpp"
@@ -73,7 +74,7 @@ int main(int argc, char** argv) {
     std::cout << text << std::endl;
     return bridge.run(stop);
   } catch (const std::exception& error) {
-    std::cerr << "tactus-ros2: " << error.what() << '\n';
+    std::cerr << "tactus-ros2: " << session::printable(error.what()) << '\n';
     return 2;
   }
 }

@@ -7,6 +7,7 @@
 
 #include "ros2/names.hpp"
 #include "session/messages.hpp"
+#include "session/printable.hpp"
 #include "session/units.hpp"
 #include "trace/cdr.hpp"
 
@@ -21,11 +22,9 @@ constexpr double kMaxCoordinate = 100;          // m, as for a page
 constexpr double kUnitTolerance = 1e-3;
 
 /// The begin of a text from the network, without control characters.
-std::string printable(std::string text) {
+std::string printable_begin(std::string text) {
   text.resize(std::min(text.size(), session::kMaxName));
-  for (char& byte : text)
-    if (static_cast<unsigned char>(byte) < 0x20 || byte == 0x7f) byte = '?';
-  return text;
+  return session::printable(std::move(text));
 }
 
 /// True for names that a page may choose too.
@@ -49,7 +48,7 @@ std::optional<std::string> target_user(const std::string& dds_topic) {
 
 std::string fault_of(const PoseStamped& target, const std::string& frame) {
   if (target.header.frame_id != frame)
-    return "found frame '" + printable(target.header.frame_id) + "', expected '" + frame + "'";
+    return "found frame '" + printable_begin(target.header.frame_id) + "', expected '" + frame + "'";
   const auto& position = target.pose.position;
   if (!std::all_of(position.begin(), position.end(), [](double at) { return std::abs(at) <= kMaxCoordinate; }))
     return "found a position that is not within 100 m of the origin";
@@ -83,7 +82,7 @@ void Targets::add_topic(const wire::RosDomain::Discovered& writer, std::int64_t 
   if (!user) return;
   const std::string topic = "/tactus/" + ros_name(*user) + std::string{kEnd};
   if (writer.type != PoseStamped::kType.name)
-    return on_event_("topic " + topic + ": found type " + printable(writer.type) + ", expected " +
+    return on_event_("topic " + topic + ": found type " + printable_begin(writer.type) + ", expected " +
                      PoseStamped::kType.name);
   if (!is_plain(*user))
     return on_event_("topic " + topic +

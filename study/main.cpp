@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "realtime/process.hpp"
+#include "session/printable.hpp"
 #include "study/results.hpp"
 #include "study/runner.hpp"
 #include "study/scenario_run.hpp"
@@ -132,8 +133,9 @@ int run(const Options& options, const std::string& command, const std::atomic<bo
     const Run& run = finished.run;
     if (options.trace) write_traces(folder / "traces", run, finished.traces);
     log.add(run);
-    std::fprintf(stderr, "[%zu/%zu] %s over %s, seed %llu\n", finished.done, finished.all, run.scenario.c_str(),
-                 run.profile.c_str(), static_cast<unsigned long long>(run.seed));
+    std::fprintf(stderr, "[%zu/%zu] %s over %s, seed %llu\n", finished.done, finished.all,
+                 session::printable(run.scenario).c_str(), run.profile.c_str(),
+                 static_cast<unsigned long long>(run.seed));
   };
   run_all(study, experiments, runner, cancelled);
 
@@ -202,7 +204,7 @@ int main(int argc, char** argv) {
   try {
     return run(options, command, cancelled);
   } catch (const std::exception& error) {
-    std::cerr << "tactus-study: " << error.what() << '\n';
+    std::cerr << "tactus-study: " << session::printable(error.what()) << '\n';
     return kWrongInput;
   }
 }

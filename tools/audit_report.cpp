@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
+#include "session/printable.hpp"
 #include "tools/hex.hpp"
 
 namespace tactus::tools {
@@ -151,7 +152,7 @@ std::string records_text(const RecordsUse& use) {
 }
 
 std::string object_text(const ObjectAudit& object) {
-  std::string text = "object '" + object.name + "' of the log\n";
+  std::string text = "object '" + session::printable(object.name) + "' of the log\n";
   text += row("cycles logged near the object", object.entries);
   if (object.entries == 0) return text + "  not touched: no entry to audit\n";
   text += row("cycles in contact", object.contact,
@@ -200,8 +201,8 @@ ordered_json audit_json(const AuditReport& report) {
 }
 
 std::string audit_text(const AuditReport& report) {
-  std::string text = "audit of " + report.log + " against " + report.original + ", " +
-                     std::to_string(report.original_triangles) + " triangles\n";
+  std::string text = "audit of " + session::printable(report.log) + " against " + session::printable(report.original) +
+                     ", " + std::to_string(report.original_triangles) + " triangles\n";
   if (report.is_truncated) {
     text += "the log ends within an entry, perhaps because its HRTC was killed; the entries before are audited\n";
   } else if (report.is_unfinished) {
@@ -214,7 +215,7 @@ std::string audit_text(const AuditReport& report) {
   text += "no object of the log matches the original: 0 cycles audited. The log has";
   if (report.logged_objects.empty()) return text + " no objects\n";
   text += "\n";
-  for (const std::string& name : report.logged_objects) text += "  '" + name + "'\n";
+  for (const std::string& name : report.logged_objects) text += "  '" + session::printable(name) + "'\n";
   return text;
 }
 

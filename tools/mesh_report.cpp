@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "session/printable.hpp"
 #include "spm/codec/region_codec.hpp"
 #include "spm/pool.hpp"
 #include "tools/hex.hpp"
@@ -133,7 +134,7 @@ std::string info_text(const spm::Model& model, const spm::offline::Provenance& p
     return std::string{digits};
   };
   const auto millimetres = [&](double units) { return number(units * s.metres_per_unit * 1000) + " mm"; };
-  row("source", provenance.source);
+  row("source", session::printable(provenance.source));
   row("digest", hex(s.digest));
   row("vertices", std::to_string(s.vertices));
   row("faces", std::to_string(s.faces));

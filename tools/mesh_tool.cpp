@@ -13,6 +13,7 @@
 #include <string>
 #include <utility>
 
+#include "session/printable.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
 #include "spm/offline/import.hpp"
@@ -383,7 +384,7 @@ int run_mesh_tool(int argc, const char* const* argv, ToolStreams streams) {
   } catch (const std::bad_alloc&) {
     streams.errors << "tactus-mesh: not enough memory\n";
   } catch (const std::exception& e) {
-    streams.errors << "tactus-mesh: " << e.what() << "\n";
+    streams.errors << "tactus-mesh: " << session::printable(e.what()) << "\n";
   }
   return kBadInput;
 }

@@ -10,6 +10,7 @@
 
 #include "event_log/event_log.hpp"
 #include "realtime/process.hpp"
+#include "session/printable.hpp"
 #include "spm/offline/generate.hpp"
 #include "spm/offline/import.hpp"
 #include "viewer/tokens.hpp"
@@ -150,7 +151,7 @@ int main(int argc, char** argv) {
     print_addresses(server, viewer.port());
     return viewer.run(stop);
   } catch (const std::exception& error) {
-    std::cerr << "tactus-view: " << error.what() << '\n';
+    std::cerr << "tactus-view: " << session::printable(error.what()) << '\n';
     return 2;
   }
 }

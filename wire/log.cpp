@@ -7,6 +7,7 @@
 #include <set>
 #include <utility>
 
+#include "session/printable.hpp"
 #include "wire/dds.hpp"
 
 namespace tactus::wire {
@@ -77,9 +78,9 @@ void report(const std::string& text, session::Severity severity) {
   if (state.sink)
     state.sink(severity, text);
   else if (::isatty(STDERR_FILENO) != 0)
-    std::fprintf(stderr, "\x1b[31m%s\x1b[0m\n", text.c_str());  // red
+    std::fprintf(stderr, "\x1b[31m%s\x1b[0m\n", session::printable(text).c_str());  // red
   else
-    std::fprintf(stderr, "%s\n", text.c_str());
+    std::fprintf(stderr, "%s\n", session::printable(text).c_str());
 }
 
 void report_mismatch(const char* own, const char* other, const std::string& topic, dds::QosPolicyId_t policy) {

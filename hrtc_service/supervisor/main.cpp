@@ -16,6 +16,7 @@
 #include "hrtc_service/supervisor/supervisor.hpp"
 #include "realtime/child_process.hpp"
 #include "realtime/process.hpp"
+#include "session/printable.hpp"
 
 namespace {
 
@@ -57,7 +58,7 @@ int main(int argc, char** argv) {
     if (!options->warning.empty()) event_log::write(session::Severity::kWarning, options->warning);
     return run(*options, {argv + 1, argv + argc});
   } catch (const std::exception& error) {
-    std::cerr << "tactus-hrtc: " << error.what() << '\n';
+    std::cerr << "tactus-hrtc: " << session::printable(error.what()) << '\n';
     return 2;
   }
 }

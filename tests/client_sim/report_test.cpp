@@ -171,6 +171,15 @@ TEST(Report, TextShowsObjectsLiftsAndGrabs) {
                                "  crate                      0.0    0.00         0.0        0          0\n"));
 }
 
+TEST(Report, TextContainsNoControlCharacterOfAnEventOrAName) {
+  Report report = example_report();
+  report.stop_reason = "ended: a\nb";
+  report.users[0].name = "c\x1bz";
+  report.events.push_back({1, "emergency stop: e\n      2.00 s  forces are reset"});
+  EXPECT_THAT(text(report), testing::AllOf(HasSubstr("Stopped early: ended: a?b\n"), HasSubstr("  c?z "),
+                                           HasSubstr("emergency stop: e?      2.00 s  forces are reset\n")));
+}
+
 TEST(Report, TextFitsAHundredColumnsForTheLongestNamesAndEvents) {
   Report report = example_report();
   report.stop_reason = "ended by another participant: " + std::string(255, 't');

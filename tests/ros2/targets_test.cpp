@@ -34,6 +34,12 @@ TEST(Ros2TargetsTest, APoseInAnotherFrameHasAFault) {
   EXPECT_EQ(fault_of(target(), "map"), "found frame 'world', expected 'map'");
 }
 
+TEST(Ros2TargetsTest, AFaultContainsNoControlCharacterOfAFrame) {
+  PoseStamped other = target();
+  other.header.frame_id = "a\n\x1b[2J\x7f\xc2\x9b";
+  EXPECT_EQ(fault_of(other, "world"), "found frame 'a??[2J?\xc2?', expected 'world'");
+}
+
 TEST(Ros2TargetsTest, APositionThatIsFarOrNotFiniteIsAFault) {
   for (const double x : {101.0, -101.0, std::numeric_limits<double>::quiet_NaN()}) {
     PoseStamped far = target();

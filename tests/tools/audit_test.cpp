@@ -470,6 +470,14 @@ TEST_F(Audit, FailsIfFclDisagreesAlthoughTheLogIsCorrect) {
   EXPECT_FALSE(audit_json(report)["clean"]);
 }
 
+TEST(AuditText, ContainsNoControlCharacterOfAName) {
+  AuditReport report;
+  report.logged_objects = {"organ\nmismatches 0\x1b]52;"};
+  EXPECT_THAT(audit_text(report), HasSubstr("  'organ?mismatches 0?]52;'\n"));
+  report.objects.emplace_back().name = report.logged_objects.front();
+  EXPECT_THAT(audit_text(report), HasSubstr("object 'organ?mismatches 0?]52;' of the log\n"));
+}
+
 TEST(SecondOpinion, DisagreesOnMissingAndExtraTrianglesAndOnDistancesBeyondTheTolerance) {
   const std::vector<Corners> square{{0, 0, 0, 1, 0, 0, 0, 1, 0}, {1, 0, 0, 1, 1, 0, 0, 1, 0}};
   SecondOpinion second{square};

@@ -133,6 +133,14 @@ TEST_F(MeshTool, InfoBoundsTheMemoryAndTheDataRateThatAProbeNeeds) {
   EXPECT_THAT(run({"info", path("s.spm")}).out, AllOf(HasSubstr("sufficient memory"), HasSubstr("Mbit")));
 }
 
+TEST_F(MeshTool, InfoPrintsNoControlCharacterOfASource) {
+  const std::string mesh = path("a\nb\x1b]2;x.ply");
+  ASSERT_EQ(run({"generate", "sphere", mesh, "--faces", "500"}).code, kDone);
+  ASSERT_EQ(run({"build", mesh, path("s.spm")}).code, kDone);
+  EXPECT_THAT(run({"info", path("s.spm")}).out, HasSubstr("a?b?]2;x.ply\n"));
+  EXPECT_EQ(nlohmann::json::parse(run({"info", path("s.spm"), "--json"}).out)["source"], "a\nb\x1b]2;x.ply");
+}
+
 TEST_F(MeshTool, UnitAndSizeSetTheScale) {
   ASSERT_EQ(run({"generate", "torus", path("t.obj"), "--faces", "500"}).code, kDone);
   const auto scale = [&](const std::vector<std::string>& options) {

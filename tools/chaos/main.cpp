@@ -16,6 +16,7 @@
 
 #include "realtime/process.hpp"
 #include "session/percentile.hpp"
+#include "session/printable.hpp"
 #include "tools/chaos/health.hpp"
 #include "tools/chaos/network_faults.hpp"
 #include "tools/chaos/plan.hpp"
@@ -119,12 +120,14 @@ class Run {
     Plan plan{options_.seed, kinds, options_.pause};
     const std::int64_t begin_ns = monotonic_ns(), end_ns = begin_ns + static_cast<std::int64_t>(options_.seconds * 1e9);
     std::printf("seed %llu, %g s of faults in session %s with %s\n", static_cast<unsigned long long>(options_.seed),
-                options_.seconds, options_.address.session.c_str(), observer_.health().reference_text().c_str());
+                options_.seconds, options_.address.session.c_str(),
+                session::printable(observer_.health().reference_text()).c_str());
     while (monotonic_ns() < end_ns) {
       if (static_cast<double>(monotonic_ns() - begin_ns) * 1e-9 >= kWarmUp * options_.seconds) measure_programs();
       const Fault fault = plan.next(found_programs());
       observer_.receive_for(fault.pause);
-      std::printf("%7.1f s  %s", static_cast<double>(monotonic_ns() - begin_ns) * 1e-9, text(fault).c_str());
+      std::printf("%7.1f s  %s", static_cast<double>(monotonic_ns() - begin_ns) * 1e-9,
+                  session::printable(text(fault)).c_str());
       std::fflush(stdout);
       apply(fault);
     }
@@ -220,7 +223,7 @@ class Run {
         kill_and_restart(*affected);
       }
     } catch (const ProgramEnded& ended) {
-      std::printf(": %s\n", ended.what());
+      std::printf(": %s\n", session::printable(ended.what()).c_str());
       return;
     }
     wait_for_recovery(fault, monotonic_ns());
@@ -247,14 +250,14 @@ class Run {
     ++recovery.faults;
     if (!missing.empty()) {
       ++unrecovered_;
-      std::printf(": NOT RECOVERED after %g s: %s\n", options_.patience, missing.front().c_str());
+      std::printf(": NOT RECOVERED after %g s: %s\n", options_.patience, session::printable(missing.front()).c_str());
       return;
     }
     constexpr double kLongSeconds = 1;
     const double seconds = static_cast<double>(back_ns - end_ns) * 1e-9;
     recovery.seconds.add(seconds);
     std::printf(": complete %.2f s after its end%s\n", seconds,
-                seconds < kLongSeconds ? "" : ("; missing until then: " + last_missing).c_str());
+                seconds < kLongSeconds ? "" : ("; missing until then: " + session::printable(last_missing)).c_str());
   }
 
   void report() {
@@ -291,8 +294,8 @@ class Run {
       if (!after) continue;
       const double growth = after->resident_mb - before.resident_mb;
       const long more = static_cast<long>(after->descriptors) - static_cast<long>(before.descriptors);
-      std::printf("%-24s%16.1f%+12.1f%14zu%+8ld\n", program.label.c_str(), after->resident_mb, growth,
-                  after->descriptors, more);
+      std::printf("%-24s%16.1f%+12.1f%14zu%+8ld\n", session::printable(program.label).c_str(), after->resident_mb,
+                  growth, after->descriptors, more);
       json["programs"].push_back({{"label", program.label},
                                   {"resident_mb", after->resident_mb},
                                   {"growth_mb", growth},
@@ -301,7 +304,8 @@ class Run {
     }
     std::printf("\n%llu probe states, largest force %.2f N\n", static_cast<unsigned long long>(health.states()),
                 health.max_force());
-    for (const std::string& violation : health.violations()) std::printf("violation: %s\n", violation.c_str());
+    for (const std::string& violation : health.violations())
+      std::printf("violation: %s\n", session::printable(violation).c_str());
     if (observer_.dropped() > 0)
       std::printf("this machine is too slow: %llu samples were not read, so results may be too bad\n",
                   static_cast<unsigned long long>(observer_.dropped()));
@@ -370,7 +374,7 @@ int main(int argc, char** argv) {
     return 130;
   } catch (const std::exception& error) {
     if (realtime::stop_signal()) return 130;  // it has interrupted a step
-    std::cerr << "tactus-chaos: " << error.what() << '\n';
+    std::cerr << "tactus-chaos: " << session::printable(error.what()) << '\n';
     return 2;
   }
 }

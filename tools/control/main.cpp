@@ -14,6 +14,7 @@
 #include <thread>
 #include <vector>
 
+#include "session/printable.hpp"
 #include "session/stop_latch.hpp"
 #include "session/units.hpp"
 #include "wire/address/command_line.hpp"
@@ -56,7 +57,7 @@ struct Request {
 
 std::string join(const std::vector<std::string>& names) {
   std::string all;
-  for (const std::string& name : names) all += " " + name;
+  for (const std::string& name : names) all += " " + session::printable(name);
   return all.empty() ? " none" : all;
 }
 
@@ -188,7 +189,9 @@ int reset_forces(const wire::SessionAddress& address, const Request& request, co
   std::size_t still = 0;
   session.roster().for_each([&](const session::RosterEntry& entry) {
     const std::size_t left = session::standing_stops(entry.stops).size();
-    if (left > 0) std::cout << entry.name << ": " << left << " stops that this reset did not name are still in force\n";
+    if (left > 0)
+      std::cout << session::printable(entry.name) << ": " << left
+                << " stops that this reset did not name are still in force\n";
     still += left;
   });
   return still == 0 ? status : 1;
@@ -270,7 +273,7 @@ int main(int argc, char** argv) {
     return announce(address, wire::topics::kControl, request, {{}, 1, session::ControlKind::kMode, request.text},
                     interrupted);
   } catch (const std::exception& error) {
-    std::cerr << "tactus-control: " << error.what() << '\n';
+    std::cerr << "tactus-control: " << session::printable(error.what()) << '\n';
     return 2;
   }
 }

@@ -6,6 +6,7 @@
 #include <set>
 
 #include "session/messages.hpp"
+#include "session/printable.hpp"
 #include "tools/doctor/vulnerabilities.hpp"
 
 namespace tactus::doctor {
@@ -308,8 +309,8 @@ std::string text(const std::vector<Finding>& findings) {
     char head[64];
     std::snprintf(head, sizeof head, "%-7s %-16s ",
                   f.severity == Severity::kGood ? "" : kSeverityNames[static_cast<int>(f.severity)], f.check.c_str());
-    all += head + f.found + "\n";
-    if (!f.remedy.empty()) all += std::string(25, ' ') + "-> " + f.remedy + "\n";
+    all += head + session::printable(f.found) + "\n";
+    if (!f.remedy.empty()) all += std::string(25, ' ') + "-> " + session::printable(f.remedy) + "\n";
     faults += f.severity == Severity::kFault ? 1 : 0;
     advice += f.severity == Severity::kAdvice ? 1 : 0;
   }

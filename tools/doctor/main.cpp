@@ -5,6 +5,7 @@
 #include <iostream>
 
 #include "realtime/process.hpp"
+#include "session/printable.hpp"
 #include "tools/doctor/findings.hpp"
 #include "tools/doctor/vulnerabilities.hpp"
 #include "tools/terminal_output.hpp"
@@ -69,7 +70,7 @@ int main(int argc, char** argv) {
                                        [](const doctor::Finding& f) { return f.severity == doctor::Severity::kFault; });
     return has_fault ? 1 : written();
   } catch (const std::exception& error) {
-    std::cerr << "tactus-doctor: " << error.what() << '\n';
+    std::cerr << "tactus-doctor: " << session::printable(error.what()) << '\n';
     return 2;
   }
 }

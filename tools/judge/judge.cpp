@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "session/figures.hpp"
+#include "session/printable.hpp"
 
 namespace tactus::judge {
 namespace {
@@ -306,9 +307,9 @@ std::string text(const std::vector<Row>& rows) {
   std::string out =
       formatted("%-*s %*s  %-*s  %s\n", kQuantity, "Judgement", kValue, "value", kBound, "bound", "verdict");
   for (const Row& row : rows) {
-    out += formatted("%-*.*s %*s  %-*s  %s\n", kQuantity, kQuantity, row.quantity.c_str(), kValue, row.value.c_str(),
-                     kBound, row.bound.c_str(), name_of(row.verdict));
-    if (!row.reason.empty()) out += "    " + row.reason.substr(0, kReason) + "\n";
+    out += formatted("%-*.*s %*s  %-*s  %s\n", kQuantity, kQuantity, session::printable(row.quantity).c_str(), kValue,
+                     row.value.c_str(), kBound, row.bound.c_str(), name_of(row.verdict));
+    if (!row.reason.empty()) out += "    " + session::printable(row.reason.substr(0, kReason)) + "\n";
   }
   const auto short_of =
       std::count_if(rows.begin(), rows.end(), [](const Row& row) { return row.verdict == Verdict::kFallsShort; });

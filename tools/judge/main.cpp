@@ -5,6 +5,7 @@
 #include <iostream>
 #include <nlohmann/json.hpp>
 
+#include "session/printable.hpp"
 #include "tools/judge/judge.hpp"
 #include "tools/terminal_output.hpp"
 #include "wire/address/finite_range.hpp"
@@ -63,7 +64,7 @@ int main(int argc, char** argv) {
     if (!judge::all_hold(rows)) return 1;
     return std::cout.flush() ? 0 : tools::failed_output_status("tactus-judge", errno);
   } catch (const std::exception& error) {
-    std::cerr << "tactus-judge: " << error.what() << '\n';
+    std::cerr << "tactus-judge: " << session::printable(error.what()) << '\n';
     return 2;
   }
 }

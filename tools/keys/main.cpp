@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "keys/authority.hpp"
+#include "session/printable.hpp"
 
 namespace {
 
@@ -83,15 +84,17 @@ void show(const keys::Authority& authority) {
         state = "revoked";
       else if (now > member->valid_until)
         state = "expired";
-      std::printf("%-24s %-9s %-11s %-8s %s\n", name.c_str(), std::string{name_of(member->role)}.c_str(),
-                  keys::utc_text(member->valid_until, "%Y-%m-%d").c_str(), state, permitted_text(*member).c_str());
+      std::printf("%-24s %-9s %-11s %-8s %s\n", session::printable(name).c_str(),
+                  std::string{name_of(member->role)}.c_str(), keys::utc_text(member->valid_until, "%Y-%m-%d").c_str(),
+                  state, session::printable(permitted_text(*member)).c_str());
     } catch (const keys::KeyError& found) {
-      std::printf("%-24s %-9s %-11s %-8s\n", name.c_str(), "?", "?", "damaged");
+      std::printf("%-24s %-9s %-11s %-8s\n", session::printable(name).c_str(), "?", "?", "damaged");
       if (error.empty()) error = found.what();
     }
   }
   std::printf("%s. The authority and all keys expire on %s at the latest.\n",
-              keys::text_of(authority.revoked()).c_str(), keys::utc_text(authority.valid_until(), "%Y-%m-%d").c_str());
+              session::printable(keys::text_of(authority.revoked())).c_str(),
+              keys::utc_text(authority.valid_until(), "%Y-%m-%d").c_str());
   if (const std::string warning = keys::clock_warning(authority.revoked(), now); !warning.empty())
     std::printf("%s\n", warning.c_str());
   if (!error.empty()) throw keys::KeyError(error);
@@ -222,7 +225,7 @@ int main(int argc, char** argv) {
               << '\n';
     return 2;
   } catch (const std::exception& error) {
-    std::cerr << "tactus-keys: " << error.what() << '\n';
+    std::cerr << "tactus-keys: " << session::printable(error.what()) << '\n';
     return 2;
   }
 }

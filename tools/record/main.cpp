@@ -20,6 +20,7 @@
 
 #include "realtime/process.hpp"
 #include "session/messages.hpp"
+#include "session/printable.hpp"
 #include "tools/scene/scene.hpp"
 #include "trace/cdr.hpp"
 #include "trace/foxglove.hpp"
@@ -282,7 +283,7 @@ int to_csv(const std::string& file, const std::filesystem::path& directory) {
     for (auto& [channel, table] : tables) {
       if (table.out == nullptr || table.out->get() == nullptr) continue;  // it could not be opened
       if (!table.out->commit()) fail(table.path);
-      std::cout << table.path.string() << ": " << table.rows << " rows\n";
+      std::cout << session::printable(table.path.string()) << ": " << table.rows << " rows\n";
     }
   };
   const auto add = [&](const trace::McapMessage& message) {
@@ -347,7 +348,7 @@ int main(int argc, char** argv) {
     if (!csv.empty()) return to_csv(file, csv);
     return record(address, file, settings, cancelled);
   } catch (const std::exception& error) {
-    std::cerr << "tactus-record: " << error.what() << '\n';
+    std::cerr << "tactus-record: " << session::printable(error.what()) << '\n';
     return 2;
   }
 }

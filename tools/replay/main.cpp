@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "hrtc_service/flight_replay.hpp"
+#include "session/printable.hpp"
 #include "spm/offline/model_file.hpp"
 #include "tools/terminal_output.hpp"
 #include "trace/private_file.hpp"
@@ -66,9 +67,11 @@ class Table {
 };
 
 void print(const hrtc_service::FlightReport& report) {
-  std::cout << report.start.participant << ", " << report.cycles << " cycles in " << report.seconds << " s, from "
+  std::cout << session::printable(report.start.participant) << ", " << report.cycles << " cycles in " << report.seconds
+            << " s, from "
             << (report.from_the_beginning ? "the beginning" : "cycle " + std::to_string(report.start.first_cycle))
-            << "; written for: " << report.start.reason << "\nbuild " << report.start.build << '\n'
+            << "; written for: " << session::printable(report.start.reason) << "\nbuild "
+            << session::printable(report.start.build) << '\n'
             << report.probe_cycles << " forces, of these " << report.in_contact << " in contact (" << report.exact
             << " exact), " << report.stale << " of stale poses, " << report.faulted << " switched off by a fault\n"
             << report.objects << " objects; " << report.regions_arrived << " regions arrived, "
@@ -80,8 +83,9 @@ void print(const hrtc_service::FlightReport& report) {
   if (report.different_cycles == 0)
     std::cout << "every force is the same to the bit\n";
   else
-    std::cout << report.different_cycles << " cycles differ, first " << report.first_difference << '\n';
-  if (!report.abort_reason.empty()) std::cout << "stopped after " << report.abort_reason << '\n';
+    std::cout << report.different_cycles << " cycles differ, first " << session::printable(report.first_difference)
+              << '\n';
+  if (!report.abort_reason.empty()) std::cout << "stopped after " << session::printable(report.abort_reason) << '\n';
 }
 
 }  // namespace
@@ -127,7 +131,7 @@ int main(int argc, char** argv) {
     if (report.different_cycles > 0) return 1;
     return std::cout.flush() ? 0 : tools::failed_output_status("tactus-replay", errno);
   } catch (const std::exception& error) {
-    std::cerr << "tactus-replay: " << error.what() << '\n';
+    std::cerr << "tactus-replay: " << session::printable(error.what()) << '\n';
     return 2;
   }
 }

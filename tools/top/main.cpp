@@ -10,6 +10,7 @@
 #include <optional>
 #include <variant>
 
+#include "session/printable.hpp"
 #include "tools/terminal_output.hpp"
 #include "tools/top/overview.hpp"
 #include "wire/address/command_line.hpp"
@@ -195,7 +196,7 @@ int main(int argc, char** argv) {
   try {
     return options.once ? show_once(options, cancelled) : show_repeatedly(options, cancelled);
   } catch (const std::exception& error) {
-    std::cerr << "tactus-top: " << error.what() << '\n';
+    std::cerr << "tactus-top: " << session::printable(error.what()) << '\n';
     return 2;
   }
 }

@@ -7,11 +7,11 @@
 #include <set>
 
 #include "session/figures.hpp"
+#include "session/printable.hpp"
 #include "session/status_names.hpp"
 #include "session/stop_latch.hpp"
 #include "session/units.hpp"
 #include "tools/hex.hpp"
-#include "tools/terminal_output.hpp"
 
 namespace tactus::top {
 namespace {
@@ -221,11 +221,11 @@ void Overview::add_stop_lines(std::vector<Line>& lines) const {
   if (issuers.empty()) return;
   std::string text = "EMERGENCY STOP: forces are off at " + (obeying.empty() ? "no HRTC" : joined(obeying));
   if (!others.empty()) text += ", NOT at " + joined(others);
-  lines.push_back({tools::printable(text), Emphasis::kAlert});
+  lines.push_back({session::printable(text), Emphasis::kAlert});
   for (const std::uint64_t issuer : issuers) {
     const auto reason = stop_texts_.find(issuer);
     if (reason != stop_texts_.end() && !reason->second.empty())
-      lines.push_back({"reason: " + tools::printable(reason->second), Emphasis::kAlert});
+      lines.push_back({"reason: " + session::printable(reason->second), Emphasis::kAlert});
   }
 }
 

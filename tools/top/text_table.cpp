@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "tools/terminal_output.hpp"
+#include "session/printable.hpp"
 
 namespace tactus::top {
 namespace {
@@ -32,7 +32,7 @@ std::vector<Line> table(const std::vector<Row>& rows, const std::string& alignme
   for (const Row& row : rows) {
     std::string text;
     for (std::size_t i = 0; i < row.cells.size(); ++i) {
-      const std::string cell = tools::printable(row.cells[i]);
+      const std::string cell = session::printable(row.cells[i]);
       const std::string blanks(widths[i] - width(cell), ' ');
       text += (i == 0 ? "" : "  ") + (alignment[i] == 'l' ? cell + blanks : blanks + cell);
     }

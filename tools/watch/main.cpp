@@ -10,6 +10,7 @@
 #include <set>
 #include <thread>
 
+#include "session/printable.hpp"
 #include "tools/terminal_output.hpp"
 #include "tools/watch/sample_text.hpp"
 #include "wire/address/command_line.hpp"
@@ -123,7 +124,7 @@ class Printer {
  private:
   [[nodiscard]] static std::string joined(const std::set<std::string>& names) {
     std::string text;
-    for (const std::string& name : names) text += (text.empty() ? "" : ", ") + tools::printable(name);
+    for (const std::string& name : names) text += (text.empty() ? "" : ", ") + session::printable(name);
     return text.empty() ? "none" : text;
   }
   [[nodiscard]] std::optional<watch::Fields> decoded(const wire::TapTopic& topic,
@@ -131,7 +132,8 @@ class Printer {
     try {
       return reader_.decode(topic.type, encoded);
     } catch (const trace::SchemaError& error) {
-      std::cerr << "tactus-watch: dropped a sample of " << topic.name << ": " << error.what() << '\n';
+      std::cerr << "tactus-watch: dropped a sample of " << topic.name << ": " << session::printable(error.what())
+                << '\n';
       return std::nullopt;
     }
   }
@@ -238,7 +240,7 @@ int main(int argc, char** argv) {
     options.topic = full_name(options.topic);
     return print_samples(options, cancelled);
   } catch (const std::exception& error) {
-    std::cerr << "tactus-watch: " << error.what() << '\n';
+    std::cerr << "tactus-watch: " << session::printable(error.what()) << '\n';
     return 2;
   }
 }

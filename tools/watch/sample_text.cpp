@@ -5,9 +5,9 @@
 #include <string_view>
 
 #include "session/messages.hpp"
+#include "session/printable.hpp"
 #include "session/status_names.hpp"
 #include "tools/hex.hpp"
-#include "tools/terminal_output.hpp"
 
 namespace tactus::watch {
 namespace {
@@ -49,12 +49,12 @@ std::string list_text(const Fields& list) {
 void add_lines(const Fields& value, const std::string& path, std::string& out) {
   if (value.is_object() && !value.empty()) {
     for (const auto& [key, member] : value.items())
-      add_lines(member, (path.empty() ? "" : path + ".") + tools::printable(key), out);
+      add_lines(member, (path.empty() ? "" : path + ".") + session::printable(key), out);
     return;
   }
   out += path + ": ";
-  out += value.is_string()  ? tools::printable(value.get<std::string>())
-         : value.is_array() ? tools::printable(list_text(value))
+  out += value.is_string()  ? session::printable(value.get<std::string>())
+         : value.is_array() ? session::printable(list_text(value))
          : value.is_null()  ? "none"
                             : dump(value);
   out += '\n';
