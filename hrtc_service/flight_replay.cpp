@@ -251,7 +251,9 @@ class Replay {
         expect_valid(message, options_.max_pool_bytes);
         std::visit([this](const auto& value) { process(value); }, message);
       }
+      end_cycle();
     } catch (const ImpossibleCall& error) {
+      end_cycle();
       if (report_.different_cycles == 0)
         throw FlightError(name_ + ", after cycle " + std::to_string(cycle_) + ": " + error.what());
       report_.abort_reason = "cycle " + std::to_string(cycle_) + ", " + error.what();
@@ -259,6 +261,8 @@ class Replay {
       throw FlightError(name_ + ", after cycle " + std::to_string(cycle_) + ": " + error.what());
     }
     if (!started_) throw FlightError(name_ + ": found no flight recording in it");
+    if (report_.cycles == 0 && report_.different_cycles == 0)
+      throw FlightError(name_ + ": found no complete cycle in it");
     report_.is_truncated = reader_.is_truncated();
     report_.seconds = static_cast<double>(last_ns_ - first_ns_) * 1e-9;
     return std::move(report_);
@@ -340,6 +344,7 @@ class Replay {
 
   void process(const trace::FlightTouch& touch) {
     expect_start();
+    end_cycle();
     cycle_ = touch.cycle;
     control_.set(touch.float_control);
     world_->touch(inputs_, touch.time_ns, arrivals_);
@@ -377,6 +382,11 @@ class Replay {
     report_.budget_spent += result.budget_spent ? 1 : 0;
     recorded_departures_ = 0;
     ++report_.cycles;
+    end_cycle();
+  }
+
+  /// Counts the difference of the newest cycle, also if the recording ends or has a gap before its refinement.
+  void end_cycle() noexcept {
     if (cycle_differs_) ++report_.different_cycles;
     cycle_differs_ = false;
   }

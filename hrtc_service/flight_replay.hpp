@@ -29,7 +29,7 @@ struct FlightReport {
   std::uint64_t objects = 0, objects_withdrawn = 0, regions_arrived = 0, regions_departed = 0, moves = 0, stops = 0,
                 resets = 0;
   std::uint64_t budget_spent = 0;      ///< cycles in which refinement spent its budget
-  std::uint64_t different_cycles = 0;  ///< cycles with any difference
+  std::uint64_t different_cycles = 0;  ///< cycles with any difference, including incomplete ones
   std::string first_difference;        ///< cycle, recorded value, replayed value
   std::string abort_reason;            ///< reason why the replay ended early, at an impossible call; else empty
 };
@@ -46,7 +46,7 @@ struct FlightReplayOptions {
 };
 
 /// Replays a file. Throws trace::FlightError or McapError, with the value found and the value expected, if the file is
-/// no flight recording, is of another build, or contains an object without a model.
+/// no flight recording, has no complete cycle, is of another build, or contains an object without a model.
 [[nodiscard]] FlightReport replay_flight(const std::filesystem::path& file, const FlightReplayOptions& options);
 
 }  // namespace tactus::hrtc_service

@@ -314,6 +314,35 @@ TEST_F(FlightReplayTest, ATruncatedFileIsReplayedToItsEnd) {
   EXPECT_GT(report.cycles, 500u);
 }
 
+TEST_F(FlightReplayTest, ADifferenceInACycleWithoutRefinementIsReported) {
+  record(1200, 30);
+  std::vector<trace::FlightMessage> messages = hrtc_service::flight_support::read_messages(file_);
+  const auto touch = std::find_if(messages.begin(), messages.end(), [](const trace::FlightMessage& message) {
+    const auto* const found = std::get_if<trace::FlightTouch>(&message);
+    return found != nullptr && found->cycle == 1100;
+  });
+  ASSERT_NE(touch, messages.end());
+  messages.erase(touch + 1, messages.end());
+  hrtc_service::flight_support::write_messages(file_, messages);
+  EXPECT_EQ(replay().different_cycles, 0u);
+  rewrite([](trace::FlightMessage& message) {
+    auto* const probe = std::get_if<trace::FlightProbe>(&message);
+    if (probe != nullptr && probe->cycle == 1100) probe->force[0] += 1;
+  });
+  const FlightReport report = replay();
+  EXPECT_EQ(report.different_cycles, 1u);
+  EXPECT_THAT(report.first_difference, testing::StartsWith("cycle 1100, probe 0: recorded force ("));
+}
+
+TEST_F(FlightReplayTest, ARecordingWithoutACycleIsRefused) {
+  record(1200, 30);
+  std::vector<trace::FlightMessage> messages = hrtc_service::flight_support::read_messages(file_);
+  ASSERT_TRUE(std::holds_alternative<trace::FlightStart>(messages.front()));
+  messages.erase(messages.begin() + 1, messages.end());
+  hrtc_service::flight_support::write_messages(file_, messages);
+  EXPECT_THAT(refusal(), testing::HasSubstr("found no complete cycle in it"));
+}
+
 TEST_F(FlightReplayTest, AnInvalidRecordingIsRefusedWithTheReason) {
   record(1200, 30);
   const auto refusal_after = [&](const std::function<void(trace::FlightMessage&)>& change) {

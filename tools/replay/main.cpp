@@ -28,7 +28,7 @@ Examples:
   tactus-replay desk.mcap --model organ.spm --to-csv forces.csv
 
 Exit status: 0 every force is the same to the bit, 1 some forces differ or the output could not be written, 2 wrong
-input: not a flight recording, another build, or a missing model.)";
+input: not a flight recording, no complete cycle, another build, or a missing model.)";
 
 /// Writes a CSV file with a line for each probe and cycle. The file gets its name at `close`.
 class Table {
