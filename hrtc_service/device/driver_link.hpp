@@ -38,10 +38,11 @@ struct DriverState {
   /// Number of times that the stop button was pressed. If a press begins and ends between two reads of the HRTC, the
   /// newest state does not show it.
   std::uint32_t stops = 0;
+  std::uint32_t refused = 0;  ///< number of commands that the device does not allow, which became zero force
 };
 
 struct DriverLink {
-  static constexpr std::uint64_t kLayout = 3;  ///< increases when this struct or one of its parts changes
+  static constexpr std::uint64_t kLayout = 4;  ///< increases when this struct or one of its parts changes
 
   // Written by the HRTC before the other process starts.
   std::uint64_t layout = kLayout;

@@ -70,6 +70,7 @@ void DriverLoop::send_state() noexcept {
   if (is_stopped && !is_stopped_) ++stops_;
   is_stopped_ = is_stopped;
   state.stops = stops_;
+  state.refused = refused_;
   states_.post(state);
 }
 
@@ -101,6 +102,7 @@ void DriverLoop::write_command() noexcept {
   if (monotonic_ns() - cycle_ns_ >= timeout_ns_) return;
   const Vec3d force{command_.force.data()}, torque{command_.torque.data()};
   if (!is_allowed(force, torque)) {
+    ++refused_;
     strength_ = 0;
     device_.write(Vec3d::Zero());
     return;

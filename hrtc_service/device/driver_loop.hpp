@@ -53,6 +53,7 @@ class DriverLoop {
   bool is_commanded_ = false;    // the last cycle had a command
   bool is_stopped_ = false;      // the stop button was pressed in the last read
   std::uint32_t stops_ = 0;      // number of its presses
+  std::uint32_t refused_ = 0;    // number of commands that the device does not allow
   double strength_ = 0;          // 0 to 1: share of the commanded force
   std::int64_t read_ns_ = 0;     // mean time of a read
   std::int64_t write_ns_ = 0;    // mean time of a write of a command

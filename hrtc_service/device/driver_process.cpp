@@ -97,11 +97,14 @@ void DriverProcess::open(const std::string& library) {
   haptics::check(spec_, library);
 }
 
-/// Waits for the end of the process, which no one expects. Reports once that the calls of the driver are too slow.
+/// Waits for the end of the process, which no one expects. Reports once that the calls of the driver are too slow, and
+/// at most once a second that the process has refused commands.
 void DriverProcess::watch(const std::stop_token& token, const std::function<void(const std::string&)>& report) {
   constexpr std::chrono::milliseconds kPoll{50};  // also the time after which a stop is noticed
   constexpr int kSlowPolls = 4;                   // in a row, so that a busy machine seldom causes a report
-  int slow_polls = 0;
+  constexpr int kRefusalPolls = 20;               // between two reports of refused commands
+  int slow_polls = 0, refusal_polls = kRefusalPolls;
+  std::uint32_t refused = 0;  // reported
   bool is_reported = false;
   while (!token.stop_requested()) {
     const std::optional<int> status = process_.wait(kPoll);
@@ -111,6 +114,14 @@ void DriverProcess::watch(const std::stop_token& token, const std::function<void
       if (slow_polls == kSlowPolls && !std::exchange(is_reported, true))
         report("device " + name_ + ": a read and a write of its driver take " + ms_text(calls_ns) +
                ", expected less than a cycle, " + ms_text(period_ns_) + "; the device follows late");
+      const std::uint32_t newest = refused_;
+      if (++refusal_polls >= kRefusalPolls && newest != refused) {
+        report(
+            "device " + name_ + ": its process refused " + std::to_string(newest - refused) +
+            " commands above the limits of the device and wrote zero force; its driver may write to wrong addresses");
+        refused = newest;
+        refusal_polls = 0;
+      }
       continue;
     }
     has_ended_ = true;
@@ -133,6 +144,7 @@ haptics::DeviceState DriverProcess::read(std::int64_t now_ns) noexcept {
   constexpr auto kMaxCallsNs = static_cast<std::int64_t>(haptics::RoundTripBound::kUnknown * 1e9);
   const std::int64_t calls_ns = std::clamp<std::int64_t>(newest.calls_ns, 0, kMaxCallsNs);
   calls_ns_.store(calls_ns, std::memory_order_relaxed);
+  refused_.store(newest.refused, std::memory_order_relaxed);
   state_ = newest.device;
   if (std::exchange(stops_, newest.stops) != newest.stops) state_.buttons |= haptics::kStopButton;
   // A later time would make the pose new for longer. The next state of a driver without news has this time again.

@@ -29,8 +29,9 @@ struct DriverSettings {
 class DriverProcess final : public haptics::Device {
  public:
   /// Starts the process, and waits until the driver has opened the device, at most 60 s or until a signal requests the
-  /// end of this program. `report` receives a line if the process ends before this object, and one if a read and
-  /// a write of the driver take longer than a cycle. Another thread calls it.
+  /// end of this program. `report` receives a line if the process ends before this object, one if a read and
+  /// a write of the driver take longer than a cycle, and at most one a second if the process refuses commands. Another
+  /// thread calls it.
   /// Throws DeviceError with the driver's reason, or std::system_error.
   DriverProcess(const DriverSettings& settings, std::function<void(const std::string&)> report);
   /// Waits until the driver has written zero force and closed the device, at most 2 s. Then kills its process.
@@ -66,6 +67,7 @@ class DriverProcess final : public haptics::Device {
   const std::int64_t period_ns_;
   std::atomic<bool> is_ending_{false}, has_ended_{false};
   std::atomic<std::int64_t> calls_ns_{0};  // DriverState::calls_ns of the newest state
+  std::atomic<std::uint32_t> refused_{0};  // DriverState::refused of the newest state
   std::jthread watcher_;
 
   // Haptic thread only.

@@ -181,6 +181,13 @@ TEST_F(DriverProcessTest, AnOpenErrorNamesTheReasonOfTheDriver) {
               AllOf(HasSubstr("device driver " TACTUS_DRIVER_WITH_DEFECTS), HasSubstr("was killed by SIGKILL")));
 }
 
+TEST_F(DriverProcessTest, RefusedCommandsAreReported) {
+  DriverProcess device{with_defect("none"), record_end()};
+  ASSERT_TRUE(runs_until(device, 1000, [&](const DeviceState&) { return !reported_end().empty(); }));
+  EXPECT_THAT(reported_end(), AllOf(testing::StartsWith("device device with a defect: its process refused "),
+                                    HasSubstr(" commands above the limits of the device")));
+}
+
 TEST_F(DriverProcessTest, TheForceIsZeroTenMsAfterTheLastCommand) {
   DriverProcess device{with_defect("none"), record_end()};
   ASSERT_TRUE(runs_until(device, 1, has_force(1)));
@@ -394,10 +401,20 @@ TEST(DriverLoop, ACommandAboveTheLimitsOfTheDeviceBecomesZeroForce) {  // damage
     commands.post(next);
     std::this_thread::sleep_for(std::chrono::milliseconds{1});  // a cycle of the HRTC
   };
+  MailboxReader<DriverState> states{link->states};
+  DriverState newest;
+  const auto refused = [&] {
+    (void)states.take(newest);
+    return newest.refused;
+  };
   for (const DriverCommand& wrong :
        {DriverCommand{{0, 0, 1e301}, {}, 0}, DriverCommand{{kNan, 0, 0}, {}, 0}, DriverCommand{{6, 8, 1}, {}, 0},
-        DriverCommand{{1, 0, 0}, {0, 0, 0.1}, 0}, DriverCommand{{1, 0, 0}, {kNan, 0, 0}, 0}})
-    for (int cycle = 0; cycle < 20; ++cycle) command(wrong);
+        DriverCommand{{1, 0, 0}, {0, 0, 0.1}, 0}, DriverCommand{{1, 0, 0}, {kNan, 0, 0}, 0}}) {
+    const std::uint32_t before = refused();
+    const std::int64_t until_ns = monotonic_ns() + 20'000 * kMs;
+    for (int cycle = 0; cycle < 20 || (refused() == before && monotonic_ns() < until_ns); ++cycle) command(wrong);
+    EXPECT_GT(refused(), before);
+  }
   EXPECT_EQ(device.within.load(), 0);
   const std::int64_t until_ns = monotonic_ns() + 20'000 * kMs;
   while (device.within == 0 && monotonic_ns() < until_ns) command({{6, 8, 0}, {}, 0});
