@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cstdlib>
+
 #include "spm/offline/generate.hpp"
 #include "spm/offline/write_mesh.hpp"
 #include "tests/support/temporary_folder.hpp"
@@ -108,6 +110,28 @@ TEST_F(ModelStoreTest, TheHashCoversTheFilesThatTheReaderRequests) {
     EXPECT_EQ(open(folder_.path() / model), digest);
     EXPECT_THAT(log_text_, HasSubstr("from the cache")) << uri;
   }
+}
+
+TEST_F(ModelStoreTest, RefusesAFileThatChangesWhileItIsRead) {
+  const std::filesystem::path importer =
+      std::filesystem::canonical("/proc/self/exe").parent_path() / "../bin/tactus-import";
+  const std::filesystem::path slow = folder_.path() / "slow-import";
+  // The clock of file times may be some milliseconds behind the other one, so the script sleeps before the change.
+  test_support::write_bytes(slow,
+                            "#!/bin/sh\n/bin/sleep 0.1\n/bin/touch \"$1\"\nexec '" + importer.string() + "' \"$@\"\n");
+  std::filesystem::permissions(slow, std::filesystem::perms::owner_all);
+  ::setenv("TACTUS_IMPORT", slow.c_str(), 1);
+  std::string refusal;
+  try {
+    (void)open(mesh_);
+  } catch (const offline::ModelError& error) {
+    refusal = error.what();
+  }
+  ::unsetenv("TACTUS_IMPORT");
+  EXPECT_THAT(refusal, HasSubstr("the file sphere.ply changed while it was read"));
+  EXPECT_TRUE(std::filesystem::is_empty(cache_));
+  (void)open(mesh_);
+  EXPECT_THAT(log_text_, HasSubstr("built and stored in"));
 }
 
 TEST_F(ModelStoreTest, OpensAModelWithMegabytesOfBlanks) {
