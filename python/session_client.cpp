@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "realtime/process.hpp"
+#include "session/check.hpp"
 #include "session/time_reference.hpp"
 
 namespace tactus::python {
@@ -83,7 +84,7 @@ void SessionClient::listen(const wire::TopicSpec<Typed>& topic) {
   }));
 }
 
-void SessionClient::run() {
+void SessionClient::run() try {
   while (!stops_) {
     const std::vector<wire::Inbox<Sample>::Arrived> arrived = inbox_.take(kTick);
     const std::int64_t now_ns = monotonic_ns();
@@ -93,7 +94,6 @@ void SessionClient::run() {
       on_events(roster_.tick(now_ns));
       session::update_session_clock(roster_, participants_.origin(), session::Role::kClient, false, now_ns, clock_);
     }
-    make_intent_writers();
     if (now_ns - beat_ns_ >= kBeatNs) {
       beat_ns_ = now_ns;
       send_roster_entry(false);
@@ -101,6 +101,9 @@ void SessionClient::run() {
     request_clock(now_ns);
     send_intents(now_ns);
   }
+} catch (const std::exception& error) {  // it must not end the process of the script
+  const std::lock_guard lock{mutex_};
+  end_reason_ = std::string{"this participant has failed: "} + error.what();
 }
 
 void SessionClient::on_sample(const session::RosterEntry& entry, std::int64_t now_ns) {
@@ -150,23 +153,6 @@ void SessionClient::on_sample(const session::ClockSample& sample, std::int64_t n
   if (sample.answer && sample.peer == participants_.origin().participant) clock_.on_answer(sample, now_ns);
 }
 
-/// Creates the writers of new users, without the lock, because this takes milliseconds. Users are never removed.
-void SessionClient::make_intent_writers() {
-  std::vector<std::pair<std::string, User*>> added;
-  {
-    const std::lock_guard lock{mutex_};
-    for (auto& [name, user] : users_)
-      if (!user.writer) added.emplace_back(name, &user);
-  }
-  for (const auto& [name, user] : added) {
-    user->writer = std::make_unique<wire::Writer<session::Intent>>(participants_, wire::topics::kIntent,
-                                                                   wire::EndpointOptions{wire::user_partition(name)});
-    const std::lock_guard lock{mutex_};
-    self_.users.push_back(name);
-    beat_ns_ = 0;  // publishes the new user at once
-  }
-}
-
 void SessionClient::send_roster_entry(bool leaving) {
   session::RosterEntry entry;
   {
@@ -199,7 +185,7 @@ void SessionClient::send_intents(std::int64_t now_ns) {
     const std::lock_guard lock{mutex_};
     const std::int64_t session_ns = session_now();
     for (auto& [name, user] : users_) {
-      if (!user.writer || user.motion.path.empty() || now_ns - user.sent_ns < kIntentNs) continue;
+      if (user.motion.path.empty() || now_ns - user.sent_ns < kIntentNs) continue;
       if (session_ns > user.motion.end_ns() + kRepeatNs) continue;
       user.sent_ns = now_ns;
       session::Intent intent;
@@ -265,12 +251,29 @@ std::string SessionClient::end_reason() const {
 
 void SessionClient::add_user(const std::string& user, const std::string& hrtc) {
   participants_.expect_permitted(user);
+  session::RosterEntry entry;
+  {
+    const std::lock_guard lock{mutex_};
+    if (!self_.requested_hrtc.empty() && self_.requested_hrtc != hrtc)
+      throw std::invalid_argument("hrtc: found '" + hrtc + "', expected '" + self_.requested_hrtc +
+                                  "', to which this participant has brought its other users");
+    if (users_.count(user) != 0) return;
+    entry = self_;
+  }
+  entry.origin = participants_.origin();
+  entry.requested_hrtc = hrtc;
+  entry.users.push_back(user);
+  // An invalid entry is not sent, so this participant would leave the session with all its users.
+  if (const char* const wrong = session::invalid_field(entry))
+    throw std::invalid_argument(std::string{wrong} + "; found user '" + user + "', HRTC '" + hrtc + "'");
+  // Without the lock, because this takes milliseconds.
+  auto writer = std::make_unique<wire::Writer<session::Intent>>(participants_, wire::topics::kIntent,
+                                                                wire::EndpointOptions{wire::user_partition(user)});
   const std::lock_guard lock{mutex_};
-  if (!self_.requested_hrtc.empty() && self_.requested_hrtc != hrtc)
-    throw std::invalid_argument("hrtc: found '" + hrtc + "', expected '" + self_.requested_hrtc +
-                                "', to which this participant has brought its other users");
+  users_[user].writer = std::move(writer);
   self_.requested_hrtc = hrtc;
-  users_.try_emplace(user);
+  self_.users.push_back(user);
+  beat_ns_ = 0;  // publishes the new user at once
 }
 
 bool SessionClient::is_served(const std::string& user) const {

@@ -80,8 +80,9 @@ class SessionClient {
   /// The reason for which this program cannot stay, or for which the session ended. Empty: it continues.
   [[nodiscard]] std::string end_reason() const;
 
-  /// Requests a probe for a user from an HRTC. Throws std::invalid_argument if a user of this object has another HRTC:
-  /// a participant brings its users to one.
+  /// Requests a probe for a user from an HRTC. One caller at a time. Throws std::invalid_argument if a roster entry
+  /// cannot have one of the names, or one more user, or if a user of this object has another HRTC: a participant brings
+  /// its users to one. Throws wire::WireError if the keys do not permit the user.
   void add_user(const std::string& user, const std::string& hrtc);
   /// Returns whether the HRTC serves the user.
   [[nodiscard]] bool is_served(const std::string& user) const;
@@ -136,7 +137,6 @@ class SessionClient {
   void on_sample(const session::SessionEnd& end, std::int64_t now_ns);
   void on_sample(const session::ClockSample& sample, std::int64_t now_ns);
   void on_events(const std::vector<session::RosterEvent>& events);
-  void make_intent_writers();
   void send_roster_entry(bool leaving);
   void request_clock(std::int64_t now_ns);
   void send_intents(std::int64_t now_ns);
@@ -165,7 +165,8 @@ class SessionClient {
   std::uint32_t numbers_ = 0;
   const std::int64_t joined_ns_;  // monotonic clock
 
-  std::int64_t beat_ns_ = 0, clock_requested_ns_ = 0;  // only the client's thread uses them
+  std::atomic<std::int64_t> beat_ns_{0};  // monotonic clock; time of the newest roster entry, 0: send one at once
+  std::int64_t clock_requested_ns_ = 0;   // only the client's thread uses it
   std::atomic<bool> stops_{false};
   std::thread thread_;
   std::vector<std::shared_ptr<void>> readers_;  // last, so that callbacks end before other members are destroyed

@@ -124,6 +124,22 @@ class SessionTest(FolderTest):
         with self.assertRaisesRegex(ValueError, "hrtc: found 'other', expected 'desk'"):
             session.join("bob", "other")
 
+    def test_a_user_that_a_roster_entry_cannot_have_is_refused_and_the_others_stay(self):
+        session, other = self.join(name="script"), self.join()
+        for user in ("", "a*b", "x" * 64, "a\0b"):
+            with self.assertRaisesRegex(ValueError, "users: expected names of 1..63 bytes"):
+                session.join(user, "desk")
+        with self.assertRaisesRegex(ValueError, "requested_hrtc: expected at most 63 bytes"):
+            session.join("zoe", "x" * 64)
+        users = [f"user-{i}" for i in range(64)]
+        for user in users:
+            with self.assertRaises(TimeoutError):  # there is no HRTC
+                session.join(user, "desk", timeout=0)
+        with self.assertRaisesRegex(ValueError, "users: expected at most 64; found user 'one-more'"):
+            session.join("one-more", "desk")
+        other.wait(lambda: "script" in other.participants and other.participants["script"]["users"] == users, 20)
+        self.assertEqual(session.end_reason, "")
+
     def test_a_script_with_keys_sees_a_secured_session_and_one_without_sees_nobody(self):
         def keys(*arguments):
             subprocess.run([BIN / "tactus-keys", *arguments], cwd=self.folder, check=True, stdout=subprocess.DEVNULL)
@@ -143,6 +159,9 @@ class SessionTest(FolderTest):
         watcher = self.join(name="watcher", keys=members / "watcher")
         session.wait(lambda: any(name.startswith("watcher") for name in session.participants), 30)
         watcher.wait(lambda: "museum" in watcher.participants, 30)
+        with self.assertRaisesRegex(tactus.WireError, "tactus_intent: the keys of observer 'watcher' do not permit"):
+            watcher.join("zoe", "desk")
+        self.assertEqual(watcher.end_reason, "")
         self.assertEqual(self.join().participants, {})
         with self.assertRaisesRegex(tactus.WireError, "expected the folder of a member"):
             self.join(keys=self.folder)
