@@ -283,6 +283,13 @@ std::vector<std::string> reset_forces(const ScriptSession& self, const std::stri
     }
     names = deliver(*client, reset, timeout);
   } while (!left.empty());
+  std::string still;  // issued after the stops were read
+  for (const auto& [name, member] : client->members())
+    if (const std::size_t count = session::standing_stops(member.entry.stops).size(); count > 0)
+      still += (still.empty() ? "" : ", ") + name + ": " + std::to_string(count);
+  if (!still.empty())
+    throw std::runtime_error("stops that this reset did not name are still in force; number of them at each program: " +
+                             still);
   return names;
 }
 
@@ -378,10 +385,11 @@ void add_session(py::module_& module) {
            "Like move, but waits for the end of the motion, and returns the states of the probe during the motion.")
       .def("stop_forces", &stop_forces, py::arg("reason") = "", py::arg("timeout") = 5.0,
            "Emergency stop: sets every force of the session to zero, until a reset.\n\nReturns the names of all HRTCs "
-           "and hosts when they have acknowledged it. Raises TimeoutError that names the others.")
+           "and hosts when they have acknowledged it, at least 1.5 s after the first\nof them was found, because "
+           "discovery reports no end. Raises TimeoutError that names the others.")
       .def("reset_forces", &reset_forces, py::arg("reason") = "", py::arg("timeout") = 5.0,
            "Ends all stops that have no reset yet, and the faults of devices. Forces start softly.\n\nReturns and "
-           "raises as stop_forces.")
+           "raises as stop_forces. Raises RuntimeError if later stops are still in force.")
       .def(
           "set_mode",
           [](const ScriptSession& self, const std::string& mode) {

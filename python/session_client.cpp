@@ -20,7 +20,6 @@ constexpr std::int64_t kIntentNs = 20'000'000;
 constexpr std::int64_t kWaypointNs = 10'000'000;  // between two waypoints, so an intent covers 150 ms
 constexpr std::int64_t kRepeatNs = 200'000'000;  // for which the end of a path is repeated, because samples may be lost
 constexpr std::size_t kMaxUserIds = 1024;
-constexpr std::int64_t kDiscoveryNs = 1'500'000'000;
 constexpr auto kTick = std::chrono::milliseconds{2};
 
 StateRow row_of(const session::ProbeState& state) {
@@ -57,8 +56,7 @@ SessionClient::SessionClient(const wire::SessionAddress& address)
       roster_out_{participants_, wire::topics::kRoster},
       clock_out_{participants_, wire::topics::kClock},
       clock_{participants_.origin(), {}, monotonic_ns()},
-      roster_{participants_.origin(), {}},
-      joined_ns_{monotonic_ns()} {
+      roster_{participants_.origin(), {}} {
   self_.role = participants_.may_write(wire::topics::kIntent.name) ? session::Role::kClient : session::Role::kViewer;
   self_.name = participants_.address().participant;
   self_.session = address.session;
@@ -92,6 +90,11 @@ void SessionClient::run() try {
       const std::lock_guard lock{mutex_};
       for (const auto& one : arrived) std::visit([&](const auto& sample) { on_sample(sample, one.at_ns); }, one.sample);
       on_events(roster_.tick(now_ns));
+      if (found_ns_ == 0) {
+        roster_.for_each([&](const session::RosterEntry& entry) {
+          if (entry.role == session::Role::kHost || entry.role == session::Role::kHrtc) found_ns_ = now_ns;
+        });
+      }
       session::update_session_clock(roster_, participants_.origin(), session::Role::kClient, false, now_ns, clock_);
     }
     if (now_ns - beat_ns_ >= kBeatNs) {
@@ -300,7 +303,10 @@ std::vector<session::StopName> SessionClient::standing_stops() const {
   return session::standing_stops(roster_);
 }
 
-bool SessionClient::has_discovered() const { return monotonic_ns() - joined_ns_ >= kDiscoveryNs; }
+bool SessionClient::has_discovered() const {
+  const std::lock_guard lock{mutex_};
+  return found_ns_ != 0 && monotonic_ns() - found_ns_ >= kDiscoveryNs;
+}
 
 std::pair<std::int64_t, std::int64_t> SessionClient::move(const std::string& user,
                                                           std::vector<std::array<double, 3>> path,

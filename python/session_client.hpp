@@ -53,6 +53,8 @@ class SessionClient {
  public:
   /// Rows stored for each user until they are taken; older rows are dropped.
   static constexpr std::size_t kMaxRows = 1u << 16;
+  /// Time from the discovery of the first host or HRTC until all are assumed discovered, as in `tactus control`.
+  static constexpr std::int64_t kDiscoveryNs = 1'500'000'000;
 
   /// Joins the session. Throws wire::WireError.
   explicit SessionClient(const wire::SessionAddress& address);
@@ -102,8 +104,8 @@ class SessionClient {
   }
   /// The stops that stand at a host or HRTC.
   [[nodiscard]] std::vector<session::StopName> standing_stops() const;
-  /// Returns whether this participant has been in the session long enough to know all others, because discovery
-  /// reports no end.
+  /// Returns whether the first host or HRTC was found at least kDiscoveryNs ago. All are assumed discovered then,
+  /// because discovery reports no end.
   [[nodiscard]] bool has_discovered() const;
 
   /// Moves the hand of an added user along a path that begins `lead_ns` from now. Returns the motion's begin and end,
@@ -156,6 +158,7 @@ class SessionClient {
   std::map<std::uint64_t, States> states_;                          // by user
   std::map<std::string, User> users_;
   std::string end_reason_;
+  std::int64_t found_ns_ = 0;  // time at which the first host or HRTC was found, monotonic clock; 0: none yet
 
   // Writers of an operator, created when a script first needs them. Only callers use them, one at a time.
   std::unique_ptr<wire::Writer<session::EmergencyStop>> stop_out_;
@@ -163,7 +166,6 @@ class SessionClient {
   std::unique_ptr<wire::Writer<session::Control>> control_out_;
   std::unique_ptr<wire::Writer<session::SessionEnd>> end_out_;
   std::uint32_t numbers_ = 0;
-  const std::int64_t joined_ns_;  // monotonic clock
 
   std::atomic<std::int64_t> beat_ns_{0};  // monotonic clock; time of the newest roster entry, 0: send one at once
   std::int64_t clock_requested_ns_ = 0;   // only the client's thread uses it

@@ -7,6 +7,8 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
+import time
 import unittest
 
 import numpy as np
@@ -218,6 +220,41 @@ class SessionTest(FolderTest):
         session.end("a test")
         self.assertEqual([program.wait(20) for program in programs], [0, 0])
         self.assertIn("a test", session.end_reason)
+
+    def test_a_stop_waits_for_the_programs_that_are_found_after_the_first(self):
+        session = self.join()
+        time.sleep(1.6)  # 1.5 s count from the first program that is found, not from the join
+        began = time.monotonic()
+        self.start_wall()
+        session.wait(lambda: session.participants, 30)
+        self.assertIn("desk", session.stop_forces("a test", timeout=30))
+        self.assertGreater(time.monotonic() - began, 1.5)
+
+    def test_a_reset_while_later_stops_are_issued_is_refused(self):
+        session, other = self.join(), self.join(name="other")
+        self.start_wall()
+        session.stop_forces("found all", timeout=30)
+        ended = threading.Event()
+
+        def stop():
+            while not ended.is_set():
+                other.stop_forces("again", timeout=30)
+        issuer = threading.Thread(target=stop)
+        issuer.start()
+
+        def is_refused():
+            try:
+                session.reset_forces(timeout=30)
+                return False
+            except RuntimeError as error:
+                self.assertRegex(str(error), "stops that this reset did not name are still in force.*desk: ")
+                return True
+        try:
+            session.wait(is_refused, 30)
+        finally:
+            ended.set()
+            issuer.join()
+        session.wait(lambda: not is_refused(), 30)  # its roster may get the last stop later than that of the other
 
     def test_a_stop_without_an_hrtc_names_what_is_missing(self):
         session = self.join()
