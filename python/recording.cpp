@@ -240,23 +240,23 @@ class Recording {
     const py::gil_scoped_release no_gil;
     trace::McapReader reader{path_};
     trace::McapMessage message;
-    std::map<std::uint16_t, std::string> names;
-    std::map<std::string, int> used;
+    std::map<std::uint16_t, std::string> topics;
+    std::map<std::uint16_t, Topic> channels;
     while (reader.next(message)) {
-      const auto [name, is_new] = names.try_emplace(message.channel);
+      const auto [channel, is_new] = channels.try_emplace(message.channel);
       if (is_new) {
-        // The second channel of a topic has full-rate probe states. `tactus record --to-csv` gives the same names.
-        const int number = ++used[message.topic];
-        name->second = message.topic + (number > 1 ? "-" + std::to_string(number) : "");
+        topics[message.channel] = message.topic;
         if (message.schema_encoding != "omgidl")
           throw SchemaError(path_.string() + ", topic " + message.topic + ": found schema encoding " +
                             message.schema_encoding + ", expected omgidl");
         const auto [schema, is_new_text] = schemas_.try_emplace(*message.schema_text);
         if (is_new_text) schema->second = std::make_shared<const trace::IdlSchema>(*message.schema_text);
-        topics_[name->second] = {message.channel, 0, message.schema, schema->second};
+        channel->second = {message.channel, 0, message.schema, schema->second};
       }
-      ++topics_[name->second].messages;
+      ++channel->second.messages;
     }
+    // The second channel of a topic has full-rate probe states. `tactus record --to-csv` gives the same names.
+    for (const auto& [channel, name] : trace::channel_names(topics)) topics_[name] = channels[channel];
     is_truncated_ = reader.is_truncated();
   }
 

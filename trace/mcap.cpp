@@ -406,4 +406,14 @@ bool McapReader::read_record(std::uint8_t opcode, std::span<const std::uint8_t> 
   return opcode == kMessage;
 }
 
+std::map<std::uint16_t, std::string> channel_names(const std::map<std::uint16_t, std::string>& topics) {
+  std::map<std::uint16_t, std::string> names;
+  std::map<std::string, int> counts;  // of the channels so far, by topic
+  for (const auto& [channel, topic] : topics) {
+    const int number = ++counts[topic];
+    names[channel] = topic + (number > 1 ? "-" + std::to_string(number) : "");
+  }
+  return names;
+}
+
 }  // namespace tactus::trace

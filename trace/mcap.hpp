@@ -140,4 +140,9 @@ class McapReader {
   bool has_ended_ = false;  // the record "data end" is read
 };
 
+/// Returns a name for each channel: that of its topic. The second channel of a topic has the suffix -2, the third -3.
+/// Channels count by their ids, whichever has the first message, so that a recorder that adds its channels in a fixed
+/// order gives them fixed names. `topics`: by channel.
+[[nodiscard]] std::map<std::uint16_t, std::string> channel_names(const std::map<std::uint16_t, std::string>& topics);
+
 }  // namespace tactus::trace

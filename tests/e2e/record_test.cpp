@@ -175,6 +175,21 @@ TEST_F(RecordTest, ATopicWithoutANameHasATable) {
   EXPECT_EQ(test_support::read_bytes(path("tables/unnamed.csv")), "log_time_ns,sequence,c\n5,1,7\n");
 }
 
+TEST_F(RecordTest, TheOrderOfTheMessagesDoesNotChangeTheTablesOfChannels) {
+  {
+    trace::McapWriter writer{path("states.mcap"), "test"};
+    const auto schema = writer.add_schema("B", "omgidl", "struct B { long c; };");
+    const auto coded = writer.add_channel(schema, "state", "cdr"),
+               full_rate = writer.add_channel(schema, "state", "cdr");
+    writer.write(full_rate, 5, 5, 1, std::array<std::uint8_t, 8>{0, 1, 0, 0, 7, 0, 0, 0});
+    writer.write(coded, 6, 6, 1, std::array<std::uint8_t, 8>{0, 1, 0, 0, 8, 0, 0, 0});
+  }
+  Process exporter{in_session("record", {path("states.mcap"), "--to-csv", path("tables")})};
+  EXPECT_TRUE(exits_with(0, exporter)) << exporter.output();
+  EXPECT_EQ(test_support::read_bytes(path("tables/state.csv")), "log_time_ns,sequence,c\n6,1,8\n");
+  EXPECT_EQ(test_support::read_bytes(path("tables/state-2.csv")), "log_time_ns,sequence,c\n5,1,7\n");
+}
+
 TEST_F(RecordTest, AFileThatCannotBeWrittenIsWrongInput) {
   Process recorder{record("none/x.mcap")};
   EXPECT_TRUE(exits_with(2, recorder));

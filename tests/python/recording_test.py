@@ -108,6 +108,13 @@ class RecordingTest(FolderTest):
         self.assertIn("tactus_probe_state", recording)
         self.assertEqual((len(recording), list(recording)), (2, recording.keys()))
 
+    def test_the_order_of_the_messages_does_not_change_the_names_of_channels(self):
+        channel = ("tactus_probe_state", "tactus::idl::ProbeState", "omgidl", IDL)
+        recording = self.recording({1: channel, 2: channel},
+                                   [(2, 1, 5, probe_state(2)), (1, 1, 5, probe_state(1)), (2, 2, 5, probe_state(3))])
+        self.assertEqual(recording["tactus_probe_state"]["sequence_number"].tolist(), [1])
+        self.assertEqual(recording["tactus_probe_state-2"]["sequence_number"].tolist(), [2, 3])
+
     def test_a_truncated_file_has_the_samples_before_its_end(self):
         whole = mcap({1: ("tactus_probe_state", "tactus::idl::ProbeState", "omgidl", IDL)},
                      [(1, i, 5, probe_state(i)) for i in range(3)], ended=False)

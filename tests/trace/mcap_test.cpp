@@ -206,5 +206,11 @@ TEST_F(Mcap, ReportsAFullDisk) {
   EXPECT_THROW(write(), McapError);
 }
 
+TEST(ChannelNames, TheSecondChannelOfATopicByItsIdHasTheSuffix2) {
+  const std::map<std::uint16_t, std::string> topics{{7, "b"}, {2, "a"}, {5, "a"}, {9, "a"}};
+  const std::map<std::uint16_t, std::string> names{{2, "a"}, {5, "a-2"}, {7, "b"}, {9, "a-3"}};
+  EXPECT_EQ(channel_names(topics), names);
+}
+
 }  // namespace
 }  // namespace tactus::trace

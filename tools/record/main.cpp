@@ -254,9 +254,23 @@ std::string file_name(const std::string& topic) {
   return name;
 }
 
+/// Returns the names of the tables of a recording, by channel.
+std::map<std::uint16_t, std::string> table_names(const std::string& file) {
+  trace::McapReader reader{file};
+  std::map<std::uint16_t, std::string> names;
+  try {
+    for (trace::McapMessage message; reader.next(message);)
+      names.try_emplace(message.channel, file_name(message.topic));
+  } catch (const trace::McapError&) {
+    // The tables have everything before the damage, and to_csv reports it.
+  }
+  return trace::channel_names(names);
+}
+
 /// Writes a table for each channel into DIRECTORY/TOPIC.csv: time of arrival in ns since 1970, sequence number, and a
 /// column for each value of the IDL type. The second channel of a topic (full-rate probe states) is TOPIC-2.csv.
 int to_csv(const std::string& file, const std::filesystem::path& directory) {
+  const std::map<std::uint16_t, std::string> names = table_names(file);
   trace::McapReader reader{file};
   std::filesystem::create_directories(directory);
   std::map<const std::string*, trace::IdlSchema> schemas;
@@ -266,7 +280,6 @@ int to_csv(const std::string& file, const std::filesystem::path& directory) {
     std::uint64_t rows = 0;
   };
   std::map<std::uint16_t, Table> tables;
-  std::map<std::string, int> used;
   const auto quoted = [](const std::string& cell) {
     if (cell.find_first_of(",\"\n\r") == std::string::npos) return cell;
     std::string text = "\"";
@@ -287,15 +300,15 @@ int to_csv(const std::string& file, const std::filesystem::path& directory) {
     }
   };
   const auto add = [&](const trace::McapMessage& message) {
+    const auto name = names.find(message.channel);
+    if (name == names.end()) return;  // a recorder has added the channel since the names were read
     if (message.schema_encoding != "omgidl")
       throw std::runtime_error(file + ", topic " + message.topic + ": found schema encoding " +
                                message.schema_encoding + ", expected omgidl");
     const trace::IdlSchema& schema = schemas.try_emplace(message.schema_text, *message.schema_text).first->second;
     const auto [table, is_new] = tables.try_emplace(message.channel);
     if (is_new) {
-      const int number = ++used[file_name(message.topic)];
-      table->second.path =
-          directory / (file_name(message.topic) + (number > 1 ? "-" + std::to_string(number) : "") + ".csv");
+      table->second.path = directory / (name->second + ".csv");
       table->second.out = std::make_unique<trace::PrivateFile>(table->second.path);
       if (table->second.out->get() == nullptr) fail(table->second.path);
       std::string heading = "log_time_ns,sequence";
