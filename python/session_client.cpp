@@ -19,7 +19,7 @@ constexpr std::int64_t kClockRequestNs = 100'000'000;  // between two clock requ
 constexpr std::int64_t kIntentNs = 20'000'000;
 constexpr std::int64_t kWaypointNs = 10'000'000;  // between two waypoints, so an intent covers 150 ms
 constexpr std::int64_t kRepeatNs = 200'000'000;  // for which the end of a path is repeated, because samples may be lost
-constexpr std::size_t kMaxUserIds = 1024;
+constexpr std::size_t kMaxFigures = 2 * session::kMaxFigures;  // of a participant; a sample need not have all
 constexpr auto kTick = std::chrono::milliseconds{2};
 
 StateRow row_of(const session::ProbeState& state) {
@@ -118,6 +118,7 @@ void SessionClient::on_events(const std::vector<session::RosterEvent>& events) {
   for (const session::RosterEvent& event : events) {
     if (event.change == session::RosterChange::kLeft || event.change == session::RosterChange::kGone)
       figures_.erase(event.entry.origin.participant);
+    if (event.change == session::RosterChange::kLeft) objects_.remove(event.entry.origin);
     if (event.change != session::RosterChange::kNameConflict || event.entry.origin.participant != self.participant)
       continue;
     // As in client_sim::SimCore: the program that joined later leaves.
@@ -127,25 +128,19 @@ void SessionClient::on_events(const std::vector<session::RosterEvent>& events) {
   }
 }
 
-void SessionClient::on_sample(const session::CatalogueEntry& entry, std::int64_t) {
-  if (entry.withdrawn)
-    objects_.erase(entry.object);
-  else
-    objects_[entry.object] = entry;
+void SessionClient::on_sample(const session::CatalogueEntry& entry, std::int64_t now_ns) {
+  objects_.add(entry, roster_, now_ns);
 }
 
-void SessionClient::on_sample(const session::ProbeState& state, std::int64_t) {
-  if (states_.size() >= kMaxUserIds && states_.count(state.user_id) == 0) return;
-  States& of = states_[state.user_id];
-  of.newest = row_of(state);
-  of.rows.push_back(*of.newest);
-  if (of.rows.size() > kMaxRows) of.rows.pop_front();
+void SessionClient::on_sample(const session::ProbeState& state, std::int64_t now_ns) {
+  states_.add(state.user_id, row_of(state), now_ns);
 }
 
 void SessionClient::on_sample(const session::Metrics& metrics, std::int64_t) {
   if (roster_.find(metrics.origin.participant) == nullptr) return;
   std::map<std::string, double>& figures = figures_[metrics.origin.participant];
-  for (const session::Figure& figure : metrics.figures) figures[figure.name] = figure.value;
+  for (const session::Figure& figure : metrics.figures)
+    if (figures.size() < kMaxFigures || figures.count(figure.name) != 0) figures[figure.name] = figure.value;
 }
 
 void SessionClient::on_sample(const session::SessionEnd& end, std::int64_t) {
@@ -224,21 +219,17 @@ std::map<std::string, SessionClient::Member> SessionClient::members() const {
 
 std::map<std::string, session::CatalogueEntry> SessionClient::objects() const {
   const std::lock_guard lock{mutex_};
-  return objects_;
+  return objects_.newest();
 }
 
 std::optional<StateRow> SessionClient::newest_state(const std::string& user) const {
   const std::lock_guard lock{mutex_};
-  const auto found = states_.find(session::id_of(user));
-  return found == states_.end() ? std::nullopt : found->second.newest;
+  return states_.newest(session::id_of(user));
 }
 
 std::vector<StateRow> SessionClient::take_states(const std::string& user) {
   const std::lock_guard lock{mutex_};
-  const auto found = states_.find(session::id_of(user));
-  if (found == states_.end()) return {};
-  const std::deque<StateRow> rows = std::exchange(found->second.rows, {});
-  return {rows.begin(), rows.end()};
+  return states_.take(session::id_of(user));
 }
 
 std::optional<std::int64_t> SessionClient::session_time() const {

@@ -8,7 +8,6 @@
 #include <array>
 #include <atomic>
 #include <cstdint>
-#include <deque>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -18,6 +17,7 @@
 #include <variant>
 #include <vector>
 
+#include "python/received.hpp"
 #include "session/clock.hpp"
 #include "session/roster.hpp"
 #include "session/stop_latch.hpp"
@@ -25,18 +25,6 @@
 #include "wire/inbox.hpp"
 
 namespace tactus::python {
-
-/// A probe state as a row. World frame, SI.
-struct StateRow {
-  std::int64_t session_time_ns;
-  std::array<double, 3> position;
-  std::array<double, 4> orientation;
-  std::array<double, 3> velocity, force, proxy;
-  double radius, stiffness, error_bound, data_age;
-  std::uint64_t object_id;
-  std::uint32_t status;
-  bool in_contact, exact;
-};
 
 /// The path of a hand: linear between positions at equal intervals of session time.
 struct HandMotion {
@@ -51,8 +39,6 @@ struct HandMotion {
 
 class SessionClient {
  public:
-  /// Rows stored for each user until they are taken; older rows are dropped.
-  static constexpr std::size_t kMaxRows = 1u << 16;
   /// Time from the discovery of the first host or HRTC until all are assumed discovered, as in `tactus control`.
   static constexpr std::int64_t kDiscoveryNs = 1'500'000'000;
 
@@ -122,10 +108,6 @@ class SessionClient {
     std::int64_t sent_ns = 0;                               // of the last intent, monotonic clock
     std::unique_ptr<wire::Writer<session::Intent>> writer;  // only the client's thread uses it
   };
-  struct States {
-    std::deque<StateRow> rows;
-    std::optional<StateRow> newest;
-  };
 
   template <class Typed>
   void listen(const wire::TopicSpec<Typed>& topic);
@@ -153,9 +135,9 @@ class SessionClient {
   session::RosterEntry self_;
   session::SessionClock clock_;
   session::Roster roster_;
-  std::map<std::string, session::CatalogueEntry> objects_;
+  OfferedObjects objects_;
   std::map<std::uint64_t, std::map<std::string, double>> figures_;  // by participant
-  std::map<std::uint64_t, States> states_;                          // by user
+  ReceivedStates states_;
   std::map<std::string, User> users_;
   std::string end_reason_;
   std::int64_t found_ns_ = 0;  // time at which the first host or HRTC was found, monotonic clock; 0: none yet

@@ -221,6 +221,19 @@ class SessionTest(FolderTest):
         self.assertEqual([program.wait(20) for program in programs], [0, 0])
         self.assertIn("a test", session.end_reason)
 
+    def test_an_object_that_one_of_two_hosts_withdraws_is_still_offered(self):
+        session = self.join()
+        self.start("host", "--config", "wall.yaml", "--name", "museum")
+
+        def host():
+            return session.objects["wall"]["host"] if "wall" in session.objects else None
+        session.wait(lambda: host() == "museum", 20)
+        annex = self.start("host", "--config", "wall.yaml", "--name", "annex")
+        session.wait(lambda: host() == "annex", 20)
+        annex.send_signal(signal.SIGINT)
+        self.assertEqual(annex.wait(20), 0)
+        session.wait(lambda: "annex" not in session.participants and host() == "museum", 20)
+
     def test_a_stop_waits_for_the_programs_that_are_found_after_the_first(self):
         session = self.join()
         time.sleep(1.6)  # 1.5 s count from the first program that is found, not from the join
