@@ -226,9 +226,15 @@ py::array drive(const ScriptSession& self, const std::string& user, const Number
   const std::shared_ptr<SessionClient> client = self.client();
   const auto [begin_ns, end_ns] = move(self, user, path, interval);
   (void)client->take_states(user);
-  const std::int64_t last_ns = end_ns;
+  const std::int64_t first_ns = begin_ns, last_ns = end_ns;
+  std::vector<StateRow> rows;
+  const auto take = [&] {
+    for (const StateRow& row : client->take_states(user))
+      if (row.session_time_ns >= first_ns && row.session_time_ns <= last_ns) rows.push_back(row);
+  };
   const auto is_over = [&] {
     self.require_session();
+    take();  // during the motion, because a long one has more states than the client stores
     return client->session_time().value_or(0) > last_ns;
   };
   (void)poll(1e9, is_over);
@@ -236,10 +242,7 @@ py::array drive(const ScriptSession& self, const std::string& user, const Number
     const py::gil_scoped_release no_gil;
     std::this_thread::sleep_for(kTransit);
   }
-  std::vector<StateRow> rows = client->take_states(user);
-  const std::int64_t first_ns = begin_ns;
-  std::erase_if(rows,
-                [&](const StateRow& row) { return row.session_time_ns < first_ns || row.session_time_ns > last_ns; });
+  take();
   return array_of_records(std::move(rows));
 }
 
