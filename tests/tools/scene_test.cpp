@@ -151,6 +151,32 @@ TEST_F(SceneTest, ADamagedBaseMeshIsDroppedAndALaterOneIsDrawn) {
   EXPECT_EQ(scene_.frame(at(1100)).objects->entities.at(0).models.size(), 1u);
 }
 
+TEST_F(SceneTest, MeshesAboveTheLimitOfBytesAreBoxes) {
+  scene_.add(organ(), at(0));
+  for (const session::BulkChunk& chunk : base_chunks(1, 100)) scene_.add(chunk, at(0));
+  const Frame whole = scene_.frame(at(0));
+  const std::size_t glb_bytes = whole.objects->entities.at(0).models.at(0).data.size();
+
+  session::CatalogueEntry twin = organ();
+  twin.object = "twin";
+  twin.object_id = session::id_of("twin");
+  for (const std::size_t fitting : {0u, 1u, 2u}) {
+    Scene scene{origin_of("record"), (fitting + 1) * glb_bytes - 1};
+    scene.add(organ(), at(0));
+    scene.add(twin, at(0));
+    for (const session::BulkChunk& chunk : base_chunks(1, 100)) scene.add(chunk, at(0));
+    const Frame frame = scene.frame(at(0));
+    ASSERT_TRUE(frame.objects);
+    std::size_t models = 0, boxes = 0;
+    for (const SceneEntity& entity : frame.objects->entities) {
+      models += entity.models.size();
+      boxes += entity.cubes.size();
+    }
+    EXPECT_EQ(models, fitting);
+    EXPECT_EQ(boxes, 2 - fitting);
+  }
+}
+
 TEST_F(SceneTest, AnObjectIsDeletedWhenItsLastHostHasWithdrawnIt) {
   session::CatalogueEntry entry = organ("museum");
   scene_.add(entry, at(0));

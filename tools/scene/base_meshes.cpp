@@ -12,7 +12,7 @@ void BaseMeshes::forget(const Message& message) {
 }
 
 std::optional<spm::BaseMesh> BaseMeshes::add(const session::BulkChunk& chunk) {
-  if (chunk.kind() != session::BulkKind::kBase) return std::nullopt;
+  if (chunk.kind() != session::BulkKind::kBase || known_.size() >= kMaxModels) return std::nullopt;
   for (const session::BulkPiece& piece : chunk.pieces) {
     Message& message = messages_[chunk.stream];
     if (message.count != piece.count || message.checksum != piece.checksum) {  // a new message

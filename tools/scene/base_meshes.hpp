@@ -22,6 +22,8 @@ class BaseMeshes {
   static constexpr std::size_t kMaxBytes = 64u << 20;
   /// Bytes that a piece counts in addition to its payload, because tiny pieces take memory too.
   static constexpr std::size_t kPieceBytes = 128;
+  /// Max number of models. The base meshes of others are not decoded.
+  static constexpr std::size_t kMaxModels = 1024;
 
   /// Applies a chunk. Returns the base mesh that it completes; none if there is no such, or its model is known.
   [[nodiscard]] std::optional<spm::BaseMesh> add(const session::BulkChunk& chunk);

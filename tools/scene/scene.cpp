@@ -70,7 +70,8 @@ std::vector<SceneEntityDeletion> deletions(std::set<std::string>& drawn, const s
 
 }  // namespace
 
-Scene::Scene(const session::Origin& self) : roster_{self, {}}, stops_{self} {}
+Scene::Scene(const session::Origin& self, std::size_t max_mesh_bytes)
+    : roster_{self, {}}, stops_{self}, max_mesh_bytes_{max_mesh_bytes} {}
 
 void Scene::log(LogLevel level, std::string text, const session::Origin& sender, Moment now) {
   const session::RosterEntry* const known = roster_.find(sender.participant);
@@ -126,13 +127,15 @@ void Scene::add(const session::CatalogueEntry& entry, Moment now) {
 
 void Scene::add(const session::BulkChunk& chunk, Moment) {
   const std::optional<spm::BaseMesh> base = base_meshes_.add(chunk);
-  if (!base || glbs_.size() >= kMaxMeshes) return;
+  if (!base || mesh_bytes_ >= max_mesh_bytes_) return;
   std::vector<std::array<std::uint32_t, 3>> triangles;
   triangles.reserve(base->faces.size());
   for (const spm::BaseFace& face : base->faces)
     triangles.push_back({index(face.corners[0]), index(face.corners[1]), index(face.corners[2])});
-  glbs_[base->summary.digest] =
-      std::make_shared<const std::vector<std::uint8_t>>(trace::to_glb(base->positions, triangles, kMeshColor));
+  std::vector<std::uint8_t> glb = trace::to_glb(base->positions, triangles, kMeshColor);
+  if (glb.size() > max_mesh_bytes_ - mesh_bytes_) return;
+  mesh_bytes_ += glb.size();
+  glbs_[base->summary.digest] = std::make_shared<const std::vector<std::uint8_t>>(std::move(glb));
   objects_changed_ = true;
 }
 
@@ -195,6 +198,7 @@ std::string Scene::user_name(std::uint64_t user) const {
 
 SceneUpdate Scene::objects_message(Moment now) {
   SceneUpdate update;
+  std::size_t mesh_bytes = 0;
   for (const auto& [id, object] : objects_) {
     const session::CatalogueEntry& catalogue = object.entry;
     SceneEntity entity;
@@ -204,7 +208,9 @@ SceneUpdate Scene::objects_message(Moment now) {
     entity.metadata = {{"host", catalogue.host},
                        {"vertices", std::to_string(catalogue.summary.vertices)},
                        {"faces", std::to_string(catalogue.summary.faces)}};
-    if (const auto glb = glbs_.find(catalogue.summary.digest); glb != glbs_.end()) {
+    const auto glb = glbs_.find(catalogue.summary.digest);
+    if (glb != glbs_.end() && glb->second->size() <= max_mesh_bytes_ - mesh_bytes) {
+      mesh_bytes += glb->second->size();  // an object with the same model has its mesh again
       Model model;
       model.scale = {catalogue.scale, catalogue.scale, catalogue.scale};
       model.data = *glb->second;

@@ -53,13 +53,14 @@ class Scene {
   static constexpr std::int64_t kTransformsPeriodNs = 1'000'000'000;
   /// A probe is not drawn if its newest state is older than this.
   static constexpr std::int64_t kMaxStateAgeNs = 1'000'000'000;
-  /// Max number of base meshes. Objects with others are drawn as boxes.
-  static constexpr std::size_t kMaxMeshes = 1024;
+  /// Max bytes of the base meshes that a scene stores, and of those in one message. Objects with others are drawn as
+  /// boxes. Readers of recordings accept messages up to 1 GiB.
+  static constexpr std::size_t kMaxMeshBytes = 256u << 20;
   /// Length of the arrow of a force, m/N.
   static constexpr double kMetresPerNewton = 0.01;
 
-  /// `self`: the recorder. Samples are those of its session.
-  explicit Scene(const session::Origin& self);
+  /// `self`: the recorder. Samples are those of its session. `max_mesh_bytes`: smaller in tests.
+  explicit Scene(const session::Origin& self, std::size_t max_mesh_bytes = kMaxMeshBytes);
 
   void add(const session::RosterEntry& entry, Moment now);
   void add(const session::CatalogueEntry& entry, Moment now);
@@ -99,6 +100,8 @@ class Scene {
   session::StopLatch stops_;
   BaseMeshes base_meshes_;
   std::map<std::uint64_t, Glb> glbs_;                                          // by digest of the model
+  std::size_t max_mesh_bytes_;
+  std::size_t mesh_bytes_ = 0;                                                 // of `glbs_`
   std::map<std::uint64_t, Object> objects_;                                    // by object id
   std::map<std::uint64_t, Probe> probes_;                                      // by user id
   std::map<std::uint64_t, std::pair<std::uint64_t, std::uint32_t>> controls_;  // newest by sender: incarnation, number
