@@ -1,5 +1,6 @@
 #include "wire/tap.hpp"
 
+#include <atomic>
 #include <mutex>
 
 #include "session/check.hpp"
@@ -160,9 +161,11 @@ struct Tap::Impl {
           {spec.name, topic.get_type_name(), is_group_topic ? "g/*" : std::string{", u/*, h/*, "} + kLossesPartition});
       readers.push_back(std::make_unique<RawReader>(
           in.participant(spec.traffic), topic, partitions, in.reader_qos.at(spec.profile),
-          [filter = SampleFilter<Sample>{in, spec}, sample = Sample{}, on_sample, on_decoded, number](
+          [this, filter = SampleFilter<Sample>{in, spec}, sample = Sample{}, on_sample, on_decoded, number](
               const Encoded& encoded, const dds::SampleInfo& info) mutable {
-            if (filter.check(Raw<Support>::decoded(encoded), info, sample) != Verdict::kAccepted) return;
+            const Verdict verdict = filter.check(Raw<Support>::decoded(encoded), info, sample);
+            if (verdict == Verdict::kExcess) ++excess;
+            if (verdict != Verdict::kAccepted) return;
             on_sample(number, encoded.bytes);
             if (on_decoded) on_decoded(AnySample{std::move(sample)});
           }));
@@ -170,6 +173,7 @@ struct Tap::Impl {
   }
 
   std::vector<TapTopic> tap_topics;
+  std::atomic<std::uint64_t> excess{0};
   std::vector<std::unique_ptr<RawReader>> readers;
 };
 
@@ -178,6 +182,7 @@ Tap::Tap(Participants& participants, const Selection& is_selected, OnSample on_s
 Tap::~Tap() = default;
 
 const std::vector<TapTopic>& Tap::topics() const noexcept { return impl_->tap_topics; }
+std::uint64_t Tap::excess() const noexcept { return impl_->excess; }
 
 const char* idl_text() noexcept { return kIdlText; }
 

@@ -54,6 +54,9 @@ class Tap {
   ~Tap();
 
   [[nodiscard]] const std::vector<TapTopic>& topics() const noexcept;
+  /// Number of samples dropped because they were above the rate limit of their participant (TopicSpec::max_rate), for
+  /// example those that wait while this program is suspended. Thread: any.
+  [[nodiscard]] std::uint64_t excess() const noexcept;
 
  private:
   struct Impl;

@@ -70,6 +70,14 @@ TEST_F(TapTest, ReportsATypeOfTheIdlForEachTopic) {
   }
 }
 
+TEST_F(TapTest, CountsTheSamplesAboveTheRateOfTheirTopic) {
+  (void)receive(topics::kProbeState);
+  EXPECT_EQ(tap_.excess(), 0u);
+  Writer<ses::EmergencyStop> writer{alpha_, topics::kStop};
+  const auto stop = full_sample<ses::EmergencyStop>(alpha_);
+  EXPECT_TRUE(eventually([&] { return writer.send(stop) == SendStatus::kSent && tap_.excess() > 0; }));
+}
+
 TEST_F(TapTest, LeavesLargeChunksToTheirReader) {
   Participants gamma{address(alpha_.address().session, "gamma")};
   Inbox<ses::BulkChunk> inbox;

@@ -211,6 +211,7 @@ int record(const wire::SessionAddress& address, const std::string& file, const R
   wire::Participants participants{address};
   Recording recording{file};  // after the step that may throw, so that a failed start replaces no earlier recording
   SharedScene drawn{{session::id_of(address.session), participants.origin().participant, 0, 0}};
+  std::uint64_t excess = 0;
   {
     wire::Tap::OnDecoded on_decoded;
     if (settings.scene) on_decoded = [&](const wire::AnySample& sample) { drawn.add(sample); };
@@ -235,10 +236,12 @@ int record(const wire::SessionAddress& address, const std::string& file, const R
       recording.flush();
       flushed = Clock::now();
     }
+    excess = tap.excess();
   }
   if (settings.scene) drawn.write_frame(recording);  // the events since the last frame
   recording.close();
   std::cout << recording.messages() << " messages, " << recording.bytes() << " bytes\n";
+  if (excess > 0) std::cout << excess << " samples above the rate limit of their participant were not recorded\n";
   if (const std::string error = recording.error(); !error.empty()) {
     std::cerr << "tactus-record: " << error << '\n';
     return 1;
