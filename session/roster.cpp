@@ -284,6 +284,11 @@ bool Roster::is_late(std::uint64_t participant) const {
   return at != members_.end() && at->second.present && at->second.late;
 }
 
+bool Roster::has_left(std::uint64_t participant) const {
+  const auto at = members_.find(participant);
+  return at != members_.end() && at->second.left;
+}
+
 std::uint64_t scene_hash(const Roster& roster, const Origin& self, Role role) {
   std::vector<std::pair<std::uint64_t, std::uint64_t>> there;
   const auto add = [&](Role of, const Origin& origin) {

@@ -84,6 +84,9 @@ class Roster {
       if (member.present) visit(member.entry);
   }
   [[nodiscard]] bool is_late(std::uint64_t participant) const;
+  /// Returns whether the newest entry of a participant was a leave message. False again after
+  /// RosterSettings::forget_ns.
+  [[nodiscard]] bool has_left(std::uint64_t participant) const;
   /// Number of entries dropped because their heartbeat was outside its window (session/sequence_window.hpp).
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
   /// Arrival of the last entry of a present participant; 0 for others.

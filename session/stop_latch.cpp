@@ -151,7 +151,7 @@ bool StopLatch::on_reset(const ForceReset& reset) {
 
 bool StopLatch::on_roster(const RosterEntry& entry) {
   if (entry.origin.session != self_.session || entry.protocol != kProtocolVersion) return false;
-  if (entry.role != Role::kHost && entry.role != Role::kHrtc) return false;
+  if (!lists_stops(entry)) return false;
   bool is_new = false;
   for (const StopRecord& stated : entry.stops) {
     const StopName stop{stated.participant, stated.incarnation, stated.stop};
@@ -165,6 +165,8 @@ bool StopLatch::on_roster(const RosterEntry& entry) {
 
 bool StopLatch::stopped() const noexcept { return std::any_of(records_.begin(), records_.end(), stands); }
 
+bool lists_stops(const RosterEntry& entry) noexcept { return entry.role == Role::kHost || entry.role == Role::kHrtc; }
+
 std::vector<StopName> standing_stops(const std::vector<StopRecord>& records) {
   std::vector<StopName> names;
   for (const StopRecord& record : records)
@@ -175,6 +177,7 @@ std::vector<StopName> standing_stops(const std::vector<StopRecord>& records) {
 std::vector<StopName> standing_stops(const Roster& roster) {
   std::vector<StopName> all;
   roster.for_each([&](const RosterEntry& entry) {
+    if (!lists_stops(entry)) return;
     for (const StopName& stop : standing_stops(entry.stops)) {
       const auto known = find_in(all, stop.participant, stop.incarnation);
       if (known == all.end())
@@ -203,6 +206,13 @@ bool acknowledges(const RosterEntry& entry, const ForceReset& reset) {
   return std::none_of(reset.stops.begin(), reset.stops.end(), [&](const StopName& stop) {
     const auto record = find_in(entry.stops, stop.participant, stop.incarnation);
     return record != entry.stops.end() && stands(*record) && record->ended < stop.number;
+  });
+}
+
+void Recipients::update(const Roster& roster) {
+  std::erase_if(entries_, [&](const auto& known) { return roster.has_left(known.first); });
+  roster.for_each([&](const RosterEntry& entry) {
+    if (lists_stops(entry)) entries_.insert_or_assign(entry.origin.participant, entry);
   });
 }
 

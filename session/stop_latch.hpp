@@ -29,6 +29,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -93,9 +94,12 @@ class StopLatch {
   std::uint64_t changes_ = 0;
 };
 
+/// Whether the program of this entry is a host or an HRTC. Only these list stops and acknowledge them.
+[[nodiscard]] bool lists_stops(const RosterEntry& entry) noexcept;
+
 /// Names of the stops that stand in these records.
 [[nodiscard]] std::vector<StopName> standing_stops(const std::vector<StopRecord>& records);
-/// The newest standing stop of each issuer, in the entries of a roster.
+/// The newest standing stop of each issuer, in the roster entries of hosts and HRTCs.
 [[nodiscard]] std::vector<StopName> standing_stops(const Roster& roster);
 
 /// Whether the program of this entry, a host or an HRTC, has acknowledged the sample. A standing stop of its own also
@@ -109,19 +113,40 @@ struct Acknowledgement {
   std::vector<std::string> hrtcs, hosts;  ///< that have acknowledged
   std::vector<std::string> missing;       ///< that have not
 };
-/// Lists who has acknowledged `sample`, an EmergencyStop or a ForceReset. The sender repeats it until `missing` is
-/// empty.
+
+/// The hosts and HRTCs that have to acknowledge the stops and resets of a sender: all that it has found, except those
+/// that have left. One that sends no heartbeat may still exert forces, so it is missing until it has acknowledged.
+class Recipients {
+ public:
+  /// Records the newest entries. The sender calls it before `acknowledgement`, and more often than
+  /// RosterSettings::forget_ns.
+  void update(const Roster& roster);
+  /// Forgets all.
+  void clear() noexcept { entries_.clear(); }
+  /// Lists who has acknowledged `sample`, an EmergencyStop or a ForceReset. The sender repeats it until `missing` is
+  /// empty.
+  template <class Sample>
+  [[nodiscard]] Acknowledgement acknowledgement(const Sample& sample) const {
+    Acknowledgement result;
+    for (const auto& [participant, entry] : entries_) {
+      auto& list = !acknowledges(entry, sample) ? result.missing
+                   : entry.role == Role::kHost  ? result.hosts
+                                                : result.hrtcs;
+      list.push_back(entry.name);
+    }
+    return result;
+  }
+
+ private:
+  std::map<std::uint64_t, RosterEntry> entries_;  // by participant
+};
+
+/// Lists who of the present hosts and HRTCs has acknowledged `sample`.
 template <class Sample>
 [[nodiscard]] Acknowledgement acknowledgement(const Roster& roster, const Sample& sample) {
-  Acknowledgement result;
-  roster.for_each([&](const RosterEntry& entry) {
-    if (entry.role != Role::kHost && entry.role != Role::kHrtc) return;
-    auto& list = !acknowledges(entry, sample) ? result.missing
-                 : entry.role == Role::kHost  ? result.hosts
-                                              : result.hrtcs;
-    list.push_back(entry.name);
-  });
-  return result;
+  Recipients present;
+  present.update(roster);
+  return present.acknowledgement(sample);
 }
 
 }  // namespace tactus::session

@@ -257,6 +257,10 @@ void ViewerCore::on_stop(const session::EmergencyStop& stop, std::int64_t now_ns
 
 void ViewerCore::on_reset(const session::ForceReset& reset, std::int64_t now_ns) {
   if (stops_.on_reset(reset)) add_event("forces are reset: " + reset.text, now_ns);
+  for (const session::StopName& stop : reset.stops)
+    if (own_stop_ && stop.participant == self_.participant && stop.incarnation == self_.incarnation &&
+        stop.number >= own_stop_->number)
+      is_own_stop_reset_ = true;
 }
 
 void ViewerCore::on_end(const session::SessionEnd& end, std::int64_t now_ns) {
@@ -269,6 +273,8 @@ void ViewerCore::on_clock(const session::ClockSample& sample, std::int64_t now_n
 
 void ViewerCore::stop_forces(const std::string& reason, std::int64_t now_ns) {
   own_stop_ = session::EmergencyStop{self_, ++own_stops_, reason};
+  is_own_stop_reset_ = false;
+  stop_recipients_.clear();
   stop_requested_ns_ = now_ns;
   stop_repeat_.make_due();
   (void)stops_.on_stop(own_stop_->name());
@@ -459,8 +465,13 @@ void ViewerCore::refine() {
 void ViewerCore::send_stop(std::int64_t now_ns, ViewerMessages& out) {
   if (!own_stop_ || !stop_repeat_.due(now_ns)) return;
   own_stop_->origin.time_ns = now_ns;
+  stop_recipients_.update(roster_);
+  // A program that has ended without a leave message never acknowledges the stop. After a reset, the stop is not
+  // repeated for it, because it would apply to programs that join.
+  const session::Acknowledgement answer =
+      is_own_stop_reset_ ? session::acknowledgement(roster_, *own_stop_) : stop_recipients_.acknowledgement(*own_stop_);
   // Discovery reports no end, so the stop is repeated for a while even if all known programs have acknowledged it.
-  if (now_ns - stop_requested_ns_ > kMinStopNs && session::acknowledgement(roster_, *own_stop_).missing.empty())
+  if (now_ns - stop_requested_ns_ > kMinStopNs && answer.missing.empty())
     own_stop_.reset();
   else
     out.stop = own_stop_;

@@ -152,7 +152,8 @@ class ViewerCore {
   void forget_camera(std::uint64_t page) { cameras_.erase(page); }
   [[nodiscard]] const std::map<std::uint64_t, Camera>& cameras() const noexcept { return cameras_; }
 
-  /// Stops all forces of the session. The stop is repeated until all hosts and HRTCs have acknowledged it.
+  /// Stops all forces of the session. The stop is repeated until all hosts and HRTCs have acknowledged it, or until a
+  /// reset names it and those that are present have acknowledged it.
   void stop_forces(const std::string& reason, std::int64_t now_ns);
   void add_event(const std::string& text, std::int64_t now_ns);
   /// Adds an event that a page has caused, within the limits of such events.
@@ -271,6 +272,8 @@ class ViewerCore {
   std::uint32_t scene_number_ = 1, metrics_number_ = 0;
   StopProgress stop_progress_;
   std::optional<session::EmergencyStop> own_stop_;  // not acknowledged by all
+  bool is_own_stop_reset_ = false;                  // a reset has named it
+  session::Recipients stop_recipients_;             // of it
   std::int64_t stop_requested_ns_ = 0;
   std::uint32_t own_stops_ = 0, next_number_ = 0;
 };

@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <array>
+#include <atomic>
 #include <chrono>
 #include <filesystem>
 #include <system_error>
@@ -248,6 +249,47 @@ TEST_F(SafetyTest, AStopSwitchesTheForceOffWhileTheServiceThreadIsBlocked) {
     (void)stop_out.send({observer.participants().origin(), 1, "needle bent"});  // repeated: best effort
     return is_stopped(seen, "ann");
   }));
+}
+
+/// An HRTC that sends roster entries, and obeys no stop.
+class DeafHrtc {
+ public:
+  explicit DeafHrtc(const wire::SessionAddress& address) : participants_{address} {
+    entry_.role = session::Role::kHrtc;
+    entry_.name = address.participant;
+    entry_.session = address.session;
+  }
+  /// Sends entries until a program has sent a stop, and then for another half second.
+  void run_until_a_stop() {
+    const auto limit = std::chrono::steady_clock::now() + kWatchdog;
+    for (int left = 25; left > 0 && std::chrono::steady_clock::now() < limit; left -= is_stopped_ ? 1 : 0) {
+      entry_.origin = participants_.origin();
+      ++entry_.heartbeat;
+      ASSERT_EQ(roster_.send(entry_), wire::SendStatus::kSent);
+      std::this_thread::sleep_for(20ms);  // between two heartbeats
+    }
+    EXPECT_TRUE(is_stopped_);
+  }
+
+ private:
+  wire::Participants participants_;
+  session::RosterEntry entry_;
+  std::atomic<bool> is_stopped_{false};
+  wire::Writer<session::RosterEntry> roster_{participants_, wire::topics::kRoster};
+  wire::Reader<session::EmergencyStop> stops_{participants_, wire::topics::kStop,
+                                              [this](session::EmergencyStop&&) { is_stopped_ = true; }};
+};
+
+TEST_F(SafetyTest, AStopFailsIfAnHrtcFallsSilentBeforeItHasAcknowledgedIt) {
+  Observer observer{address("observer")};
+  Process desk{hrtc("desk")};
+  ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.is_present("desk"); })) << desk.output();
+  DeafHrtc table{address("table")};
+  Process stop{control({"stop", "--patience", "3"})};
+  table.run_until_a_stop();
+  EXPECT_TRUE(exits_with(1, stop)) << stop.output();
+  EXPECT_THAT(stop.output(), testing::HasSubstr("acknowledged by HRTCs: desk; by hosts: none\n"
+                                                "not acknowledged by: table\n"));
 }
 
 TEST_F(SafetyTest, AStopWithoutAnyHostOrHrtcFails) {

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 
 #include <algorithm>
+#include <array>
 #include <map>
 #include <random>
 #include <tuple>
@@ -380,6 +381,91 @@ TEST(StopLatch, ListsTheProgramsThatHaveAndHaveNotAcknowledged) {
   publish_roster();
   EXPECT_THAT(acknowledgement(roster, sent_stop).missing, IsEmpty()) << "a stop that was reset also counts as received";
   EXPECT_THAT(acknowledgement(roster, sent_reset).missing, ElementsAre("1", "3")) << "the late stop stands at HRTC 3";
+}
+
+TEST(StopLatch, OfAProgramThatIsNeitherHostNorHrtcNoStopIsRead) {
+  Roster roster{origin(99), {}};
+  for (std::uint64_t id = 1; id <= 4; ++id) {
+    RosterEntry listed = entry(id, StopLatch{origin(id)});
+    listed.role = std::array{Role::kHost, Role::kHrtc, Role::kClient, Role::kViewer}[id - 1];
+    listed.stops = {{50 + id, 1, 1, 0, 0}};
+    (void)roster.on_entry(listed, 0);
+  }
+  const std::vector<StopName> stops = standing_stops(roster);
+  ASSERT_THAT(stops, SizeIs(2));
+  EXPECT_EQ(stops[0].participant, 51u);
+  EXPECT_EQ(stops[1].participant, 52u);
+}
+
+/// The HRTCs 1 and 2, and a sender of a stop, which has number 99.
+class RecipientsTest : public testing::Test {
+ protected:
+  RecipientsTest() {
+    stop_.origin = origin(99);
+    stop_.number = 1;
+    publish({1, 2});
+  }
+  /// Sends the entries of these HRTCs, and then updates roster and recipients.
+  void publish(const std::vector<std::uint64_t>& ids, bool leaving = false) {
+    ++heartbeat_;
+    now_ns_ += 50'000'000;
+    for (const std::uint64_t id : ids) {
+      RosterEntry sent = entry(id, latches_.try_emplace(id, origin(id)).first->second, incarnation_);
+      sent.heartbeat = heartbeat_;
+      sent.leaving = leaving;
+      (void)roster_.on_entry(sent, now_ns_);
+    }
+    (void)roster_.tick(now_ns_);
+    recipients_.update(roster_);
+  }
+  /// HRTC 1 acknowledges the stop and continues, HRTC 2 sends nothing for this number of heartbeats.
+  void continue_without_2(int heartbeats) {
+    (void)latches_.at(1).on_stop(stop_.name());
+    for (int i = 0; i < heartbeats; ++i) publish({1});
+  }
+  [[nodiscard]] Acknowledgement acknowledgement() const { return recipients_.acknowledgement(stop_); }
+
+  EmergencyStop stop_;
+  Roster roster_{origin(99), {}};
+  Recipients recipients_;
+  std::map<std::uint64_t, StopLatch> latches_;
+  std::uint64_t heartbeat_ = 0, incarnation_ = 1;
+  std::int64_t now_ns_ = 0;
+};
+
+TEST_F(RecipientsTest, AnHrtcThatIsGoneIsMissingUntilItReturnsAndAcknowledges) {
+  continue_without_2(300);  // longer than the roster stores an HRTC that is gone
+  EXPECT_EQ(roster_.find(2), nullptr);
+  EXPECT_EQ(roster_.stored_participants(), 1u);
+  EXPECT_THAT(acknowledgement().hrtcs, ElementsAre("1"));
+  EXPECT_THAT(acknowledgement().missing, ElementsAre("2"));
+
+  publish({1, 2});
+  EXPECT_THAT(acknowledgement().missing, ElementsAre("2")) << "it has not received the stop";
+  (void)latches_.at(2).on_stop(stop_.name());
+  publish({1, 2});
+  EXPECT_THAT(acknowledgement().hrtcs, ElementsAre("1", "2"));
+  continue_without_2(300);
+  EXPECT_THAT(acknowledgement().hrtcs, ElementsAre("1", "2")) << "it had acknowledged the stop";
+  EXPECT_THAT(acknowledgement().missing, IsEmpty());
+}
+
+TEST_F(RecipientsTest, AnHrtcThatRestartsHasToAcknowledgeAgain) {
+  (void)latches_.at(1).on_stop(stop_.name());
+  (void)latches_.at(2).on_stop(stop_.name());
+  publish({1, 2});
+  EXPECT_THAT(acknowledgement().missing, IsEmpty());
+  ++incarnation_;
+  latches_.erase(2);
+  publish({2});
+  EXPECT_THAT(acknowledgement().missing, ElementsAre("2"));
+}
+
+TEST_F(RecipientsTest, AnHrtcThatHasLeftIsNotMissing) {
+  continue_without_2(20);
+  EXPECT_EQ(roster_.find(2), nullptr);
+  publish({2}, true);
+  EXPECT_THAT(acknowledgement().missing, IsEmpty());
 }
 
 /// Simulates HRTCs, issuers of stops and operators who send resets, over a network that loses, duplicates and reorders

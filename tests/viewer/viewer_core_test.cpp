@@ -210,6 +210,34 @@ TEST_F(ViewerCoreTest, AStopIsRepeatedUntilTheHostHasAcknowledgedIt) {
   EXPECT_EQ(stops_sent_, sent);
 }
 
+TEST_F(ViewerCoreTest, AStopIsRepeatedForAnHrtcThatIsGoneUntilAReset) {
+  session::RosterEntry hrtc;
+  hrtc.origin = {kSession, kHrtc, 1, 0};
+  hrtc.role = session::Role::kHrtc;
+  hrtc.name = "desk";
+  viewer_.on_roster(hrtc, now_ns_);
+  viewer_.stop_forces("a test", now_ns_);
+  run(2000 * kMs);
+  EXPECT_EQ(viewer_.stop_progress().hrtcs, 0u) << "it is gone";
+  EXPECT_TRUE(viewer_.stop_progress().is_requested);
+  const int sent = stops_sent_;
+  run(500 * kMs);
+  EXPECT_GT(stops_sent_, sent);
+
+  session::ForceReset reset;
+  reset.origin = {kSession, 50, 1, 0};
+  reset.number = 1;
+  reset.stops = {{kHrtc, 1, 1}};
+  viewer_.on_reset(reset, now_ns_);
+  run(50 * kMs);
+  EXPECT_TRUE(viewer_.stop_progress().is_requested) << "the reset names another stop";
+  reset.number = 2;
+  reset.stops = {{kViewer, 1, 1}};
+  viewer_.on_reset(reset, now_ns_);
+  run(50 * kMs);
+  EXPECT_FALSE(viewer_.stop_progress().is_requested);
+}
+
 TEST_F(ViewerCoreTest, TheSceneFollowsAStopAndAResetOfAnHrtcWithoutAnotherEvent) {
   session::RosterEntry hrtc;
   hrtc.origin = {kSession, kHrtc, 1, 0};

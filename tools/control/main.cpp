@@ -83,6 +83,7 @@ class Session {
     }
     const std::int64_t now_ns = monotonic_ns();
     (void)roster_.tick(now_ns);
+    recipients_.update(roster_);
     if (found_ns_ == 0 && acting() > 0) found_ns_ = now_ns;
     return !cancelled_ && now_ns < end_ns_;
   }
@@ -98,7 +99,7 @@ class Session {
       sample.origin = participants_.origin();
       if (out.send(sample) == wire::SendStatus::kInvalid)
         throw std::runtime_error(std::string{"the sample was not sent: "} + out.invalid_reason());
-      answer = session::acknowledgement(roster_, sample);
+      answer = recipients_.acknowledgement(sample);
     } while (!(answer.missing.empty() && found_for(kDiscoveryNs)) && wait(kRepeatPeriod));
     return answer;
   }
@@ -106,14 +107,13 @@ class Session {
  private:
   [[nodiscard]] std::size_t acting() const {
     std::size_t count = 0;
-    roster_.for_each([&](const session::RosterEntry& entry) {
-      count += entry.role == session::Role::kHost || entry.role == session::Role::kHrtc ? 1 : 0;
-    });
+    roster_.for_each([&](const session::RosterEntry& entry) { count += session::lists_stops(entry) ? 1 : 0; });
     return count;
   }
 
   wire::Participants participants_;
   session::Roster roster_;
+  session::Recipients recipients_;
   const std::atomic<bool>& cancelled_;
   const std::int64_t end_ns_;
   std::int64_t found_ns_ = 0;  // time at which the first host or HRTC was found; 0: none yet
@@ -188,6 +188,7 @@ int reset_forces(const wire::SessionAddress& address, const Request& request, co
   const int status = report(answer);
   std::size_t still = 0;
   session.roster().for_each([&](const session::RosterEntry& entry) {
+    if (!session::lists_stops(entry)) return;
     const std::size_t left = session::standing_stops(entry.stops).size();
     if (left > 0)
       std::cout << session::printable(entry.name) << ": " << left
