@@ -12,6 +12,7 @@
 #include "host_service/model_store.hpp"
 #include "realtime/realtime.hpp"
 #include "realtime/service_manager.hpp"
+#include "session/check.hpp"
 #include "wire/endpoints.hpp"
 #include "wire/inbox.hpp"
 
@@ -83,6 +84,8 @@ void check(const HostOptions& options) {
       throw HostError{"object name '" + object.name + "' has " + std::to_string(object.name.size()) +
                       " bytes, expected 1 to " + std::to_string(session::kMaxName)};
     }
+    if (session::has_control_character(object.name))
+      throw HostError{"object name '" + object.name + "' has a control character, expected none"};
     if (!names.insert(object.name).second) throw HostError{"two objects have the name '" + object.name + "'"};
   }
 }

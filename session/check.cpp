@@ -44,7 +44,10 @@ bool positive(double v) noexcept { return std::isfinite(v) && v > 0; }
 bool fits(const std::string& text, std::size_t bound) noexcept {
   return text.size() <= bound && text.find('\0') == std::string::npos;
 }
-bool is_name(const std::string& text) noexcept { return !text.empty() && fits(text, kMaxName); }
+/// Programs print names in lines of logs and tables, which control characters could forge.
+bool is_name(const std::string& text) noexcept {
+  return !text.empty() && text.size() <= kMaxName && !has_control_character(text);
+}
 
 /// The name of a program or a user becomes a DDS partition. DDS refuses one that is a pattern, which would match others.
 bool is_partition(const std::string& name) noexcept {
@@ -62,6 +65,15 @@ bool ascending(const std::vector<spm::Interval>& intervals) noexcept {
 }
 
 }  // namespace
+
+bool has_control_character(std::string_view text) noexcept {
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const auto byte = static_cast<unsigned char>(text[i]);
+    const int next = i + 1 < text.size() ? static_cast<unsigned char>(text[i + 1]) : 0;
+    if (byte < 0x20 || byte == 0x7f || (byte == 0xc2 && next >= 0x80 && next <= 0x9f)) return true;
+  }
+  return false;
+}
 
 const char* invalid_field(const Pose& pose) noexcept {
   if (!all_moderate(pose.position)) return "pose.position: expected at most 1e9";
@@ -133,18 +145,19 @@ const char* invalid_field(const spm::ModelSummary& s) noexcept {
 
 const char* invalid_field(const RosterEntry& r) noexcept {
   if (r.role > Role::kViewer) return "role: expected 0..3";
-  if (!is_partition(r.name)) return "name: expected 1..63 bytes, none of * ? [ ] \\";
-  if (!is_name(r.session)) return "session: expected 1..63 bytes";
+  if (!is_partition(r.name)) return "name: expected 1..63 bytes without control characters and * ? [ ] \\";
+  if (!is_name(r.session)) return "session: expected 1..63 bytes without control characters";
   if (id_of(r.name) != r.origin.participant) return "name: expected the name with id origin.participant";
   if (id_of(r.session) != r.origin.session) return "session: expected the name with id origin.session";
-  if (!fits(r.requested_hrtc, kMaxName)) return "requested_hrtc: expected at most 63 bytes";
+  if (!r.requested_hrtc.empty() && !is_name(r.requested_hrtc))
+    return "requested_hrtc: expected at most 63 bytes without control characters";
   if (r.users.size() > kMaxUsers) return "users: expected at most 64";
   for (const std::string& user : r.users) {
-    if (!is_partition(user)) return "users: expected names of 1..63 bytes, none of * ? [ ] \\";
+    if (!is_partition(user)) return "users: expected names of 1..63 bytes without control characters and * ? [ ] \\";
   }
   if (r.served_users.size() > kMaxUsers) return "served_users: expected at most 64";
   for (const UserProbe& probe : r.served_users) {
-    if (!is_name(probe.user)) return "served_users.user: expected 1..63 bytes";
+    if (!is_name(probe.user)) return "served_users.user: expected 1..63 bytes without control characters";
     if (probe.probe >= kMaxUsers) return "served_users.probe: expected 0..63";
   }
   if (r.stops.size() > kMaxStops) return "stops: expected at most 32";
@@ -159,8 +172,8 @@ const char* invalid_field(const RosterEntry& r) noexcept {
 }
 
 const char* invalid_field(const CatalogueEntry& c) noexcept {
-  if (!is_name(c.host)) return "host: expected 1..63 bytes";
-  if (!is_name(c.object)) return "object: expected 1..63 bytes";
+  if (!is_name(c.host)) return "host: expected 1..63 bytes without control characters";
+  if (!is_name(c.object)) return "object: expected 1..63 bytes without control characters";
   if (id_of(c.host) != c.origin.participant) return "host: expected the name with id origin.participant";
   if (id_of(c.object) != c.object_id) return "object: expected the name with id object_id";
   if (c.withdrawn) return nullptr;  // the other fields have no meaning
@@ -195,7 +208,7 @@ const char* invalid_field(const ShownRegions& s) noexcept {
 const char* invalid_field(const Metrics& m) noexcept {
   if (m.figures.size() > kMaxFigures) return "figures: expected at most 128";
   for (const Figure& figure : m.figures) {
-    if (!is_name(figure.name)) return "figures.name: expected 1..63 bytes";
+    if (!is_name(figure.name)) return "figures.name: expected 1..63 bytes without control characters";
     if (!std::isfinite(figure.value)) return "figures.value: expected a finite number";
   }
   if (m.meshes.size() > kMaxMeshes) return "meshes: expected at most 64";

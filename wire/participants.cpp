@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "keys/documents.hpp"
+#include "session/check.hpp"
 #include "wire/dds.hpp"
 #include "wire/discovery.hpp"
 #include "wire/footprint.hpp"
@@ -43,12 +44,10 @@ void check_name(const char* what, const std::string& name) {
     throw WireError(std::string{what} + " name '" + name + "' has " + std::to_string(name.size()) +
                     " bytes; expected 1 to " + std::to_string(session::kMaxName));
   }
-  for (const char c : name) {
-    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f || std::string{"*?[]/\\"}.find(c) != std::string::npos) {
-      throw WireError(std::string{what} + " name '" + name +
-                      "' has a control character or one of * ? [ ] / \\, which "
-                      "would match other partitions");
-    }
+  if (session::has_control_character(name) || name.find_first_of("*?[]/\\") != std::string::npos) {
+    throw WireError(std::string{what} + " name '" + name +
+                    "' has a control character or one of * ? [ ] / \\, which "
+                    "would match other partitions");
   }
 }
 
@@ -337,10 +336,9 @@ dds::Topic& Participants::Impl::topic(const char* name, TrafficClass traffic, dd
 
 std::string Participants::Impl::partition(const std::string& part) const {
   if (part.empty()) return address.session;
-  for (const char c : part) {
-    if (std::string{"*?[]\\"}.find(c) != std::string::npos) {
-      throw WireError("partition '" + part + "' has one of * ? [ ] \\, which would match other partitions");
-    }
+  if (session::has_control_character(part) || part.find_first_of("*?[]\\") != std::string::npos) {
+    throw WireError("partition '" + part +
+                    "' has a control character or one of * ? [ ] \\, which would match other partitions");
   }
   return address.session + "/" + part;
 }

@@ -121,6 +121,9 @@ TEST_F(HostProgramTest, WrongInputGivesExitCodeTwoAndNamesTheInput) {
   test_support::write_bytes(config, "objects:\n  - modell: x\n");
   EXPECT_EQ(run({"--config", config}), 2);
   EXPECT_THAT(output(), HasSubstr("bad.yaml:2:5: objects[0]: unknown key 'modell'"));
+  test_support::write_bytes(config, "objects:\n  - {model: sphere.ply, name: \"a\\tb\"}\n");
+  EXPECT_EQ(run({"--config", config}), 2);
+  EXPECT_THAT(output(), HasSubstr("has a control character"));
 }
 
 TEST_F(HostProgramTest, HelpHasExamples) {

@@ -103,6 +103,36 @@ TEST(Check, NamesTheWrongFieldOfARosterEntry) {
   expect_invalid(roster(), "joined_ns", [](auto& r) { r.joined_ns = kNotJoined - 1; });
 }
 
+TEST(Check, RefusesNamesWithControlCharacters) {
+  for (const char* name : {"a\nb", "\x1b[2J", "\x01", "a\x7f", "a\xc2\x80", "\xc2\x9f" "b"}) {
+    EXPECT_TRUE(has_control_character(name));
+    expect_invalid(roster(), "name: expected 1..63 bytes", [&](auto& r) {
+      r.name = name;
+      r.origin.participant = id_of(name);
+    });
+    expect_invalid(roster(), "session: expected 1..63 bytes", [&](auto& r) {
+      r.session = name;
+      r.origin.session = id_of(name);
+    });
+    expect_invalid(roster(), "requested_hrtc: ", [&](auto& r) { r.requested_hrtc = name; });
+    expect_invalid(roster(), "users: ", [&](auto& r) { r.users = {name}; });
+    expect_invalid(roster(), "served_users.user: ", [&](auto& r) { r.served_users = {{name, 0}}; });
+    expect_invalid(catalogue(), "object: expected 1..63 bytes", [&](auto& c) {
+      c.object = name;
+      c.object_id = id_of(name);
+    });
+  }
+  for (const char* name : {"\xc2\xa0", "Zo\xc3\xab", "\xc2", "a b", "\xe2\x80\x9c"})
+    EXPECT_FALSE(has_control_character(name)) << name;
+}
+
+TEST(Check, AcceptsAStopWithAnyText) {
+  EmergencyStop stop;
+  stop.number = 1;
+  stop.text = "needle bent\n\x1b[2J\xc2\x9b";
+  EXPECT_THAT(invalid_field(stop), IsNull());
+}
+
 TEST(Check, LeavesTheProtocolVersionToTheSession) {
   auto r = roster();
   r.protocol = kProtocolVersion + 1;

@@ -79,7 +79,7 @@ TEST(Address, WithTheFirstOrLastDomainIsAccepted) {
 
 TEST(Address, WithANameThatCouldMatchOthersIsRefused) {
   for (const std::string& name : {std::string{}, std::string{"*"}, std::string{"a?"}, std::string{"[ab]"},
-                                  std::string{"a/b"}, std::string{"a\nb"}, std::string(64, 'x')}) {
+                                  std::string{"a/b"}, std::string{"a\nb"}, std::string{"a\xc2\x9b"}, std::string(64, 'x')}) {
     EXPECT_THAT(join_error(address(name, "p")), HasSubstr("session name")) << name;
     EXPECT_THAT(join_error(address("s", name)), HasSubstr("participant name")) << name;
   }
@@ -122,6 +122,7 @@ TEST(Incarnation, IsTheClockTimeWithoutAUsableFile) {
 TEST(Endpoints, RefuseAPartitionThatCouldMatchOthers) {
   Participants participants{unique_address("partition")};
   EXPECT_THROW(Writer<ses::Intent>(participants, topics::kIntent, {user_partition("*")}), WireError);
+  EXPECT_THROW(Writer<ses::Intent>(participants, topics::kIntent, {user_partition("a\nb")}), WireError);
   EXPECT_THROW(Reader<ses::Intent>(participants, topics::kIntent, [](ses::Intent&&) {}, {user_partition("a?")}),
                WireError);
 }
