@@ -72,8 +72,7 @@ void require_local(const Discovery& discovery) {
 }
 
 void ignore_environment() {
-  for (const char* name : {"ROS_DISCOVERY_SERVER", "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"})
-    unsetenv(name);
+  for (const char* name : kIgnoredVariables) unsetenv(name);
   setenv("SKIP_DEFAULT_XML_FILE", "1", 1);
 }
 

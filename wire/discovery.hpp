@@ -13,8 +13,8 @@ void apply(const Discovery& discovery, dds::DomainParticipantQos& qos);
 /// Throws WireError if a peer or a server is another machine.
 void require_local(const Discovery& discovery);
 
-/// Removes the environment variables by which Fast DDS would use discovery servers or a profile file that Tactus does
-/// not know, and keeps it from reading a profile file of the current directory.
+/// Removes kIgnoredVariables from the environment, and keeps Fast DDS from reading a profile file of the current
+/// directory. Call it before the first call of the library, which stores FASTDDS_ENVIRONMENT_FILE.
 void ignore_environment();
 
 }  // namespace tactus::wire

@@ -5,6 +5,7 @@
 /// each class, 61 ms with one participant for all (docs/reference/qos.md).
 #pragma once
 
+#include <array>
 #include <functional>
 #include <memory>
 #include <string>
@@ -59,6 +60,12 @@ class Participants {
  private:
   std::unique_ptr<Impl> impl_;
 };
+
+/// Environment variables by which Fast DDS would use discovery servers, a profile file or a file of variables that
+/// Tactus does not know, or would publish statistics. A program that joins removes them from its environment.
+inline constexpr std::array kIgnoredVariables{"ROS_DISCOVERY_SERVER", "FASTRTPS_DEFAULT_PROFILES_FILE",
+                                              "FASTDDS_DEFAULT_PROFILES_FILE", "FASTDDS_ENVIRONMENT_FILE",
+                                              "FASTDDS_STATISTICS"};
 
 /// Throws WireError if the keys of this address cannot be used now, or do not permit one of these objects. A host calls
 /// it before it opens its models, which may take minutes.

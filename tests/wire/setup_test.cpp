@@ -4,6 +4,7 @@
 #include <sched.h>
 #include <sys/socket.h>
 
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <set>
@@ -197,6 +198,31 @@ TEST(Environment, DoesNotMakeAProgramAClientOfADiscoveryServer) {
   const Writer<ses::Metrics> writer{one, topics::kMetrics};
   const Reader<ses::Metrics> reader{two, topics::kMetrics, [](ses::Metrics&&) {}};
   EXPECT_TRUE(eventually([&] { return writer.matched() == 1 && reader.matched() == 1; }));
+}
+
+/// Returns 0 if two programs find each other although a file of variables names a discovery server.
+int status_with_a_file_of_variables() {
+  const test_support::TemporaryFolder folder;
+  const fs::path file = folder.path() / "environment.json";
+  std::ofstream{file} << R"({"ROS_DISCOVERY_SERVER": "127.0.0.1:9"})";
+  setenv("FASTDDS_ENVIRONMENT_FILE", file.c_str(), 1);
+  const std::string session = unique_session("environment");
+  Participants one{address(session, "one")}, two{address(session, "two")};
+  const Writer<ses::Metrics> writer{one, topics::kMetrics};
+  const Reader<ses::Metrics> reader{two, topics::kMetrics, [](ses::Metrics&&) {}};
+  return eventually([&] { return writer.matched() == 1 && reader.matched() == 1; }) ? 0 : 1;
+}
+
+// In a process of its own, because Fast DDS reads the name of the file once.
+TEST(EnvironmentDeathTest, OfAFileDoesNotMakeAProgramAClientOfADiscoveryServer) {
+  GTEST_FLAG_SET(death_test_style, "threadsafe");
+  EXPECT_EXIT(std::_Exit(status_with_a_file_of_variables()), testing::ExitedWithCode(0), "");
+}
+
+TEST(Environment, LosesTheVariablesOfTheLibraryWhenAProgramJoins) {
+  for (const char* name : kIgnoredVariables) setenv(name, "", 1);
+  const Participants participants{unique_address("variables")};
+  for (const char* name : kIgnoredVariables) EXPECT_EQ(getenv(name), nullptr) << name;
 }
 
 TEST(ProbeSockets, HaveTheTosAndPriorityOfFlowYaml) {

@@ -271,7 +271,7 @@ Facts collect_facts(const Settings& settings, const std::atomic<bool>& cancelled
   Facts facts;
   facts.discovery = settings.address.discovery;
   facts.required = wire::read_footprint(settings.address.qos);
-  for (const char* name : {"ROS_DISCOVERY_SERVER", "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_ENVIRONMENT_FILE"})
+  for (const char* name : wire::kIgnoredVariables)
     if (std::getenv(name) != nullptr) facts.variables.emplace_back(name);  // before wire::Participants removes them
   facts.interfaces = list_interfaces();
   facts.multicast_route_error = route_error(Socket::address(kGroup, 7400));
