@@ -79,8 +79,9 @@ TEST(Address, WithTheFirstOrLastDomainIsAccepted) {
 }
 
 TEST(Address, WithANameThatCouldMatchOthersIsRefused) {
-  for (const std::string& name : {std::string{}, std::string{"*"}, std::string{"a?"}, std::string{"[ab]"},
-                                  std::string{"a/b"}, std::string{"a\nb"}, std::string{"a\xc2\x9b"}, std::string(64, 'x')}) {
+  for (const std::string& name :
+       {std::string{}, std::string{"*"}, std::string{"a?"}, std::string{"[ab]"}, std::string{"a/b"},
+        std::string{"a\nb"}, std::string{"a\xc2\x9b"}, std::string(64, 'x')}) {
     EXPECT_THAT(join_error(address(name, "p")), HasSubstr("session name")) << name;
     EXPECT_THAT(join_error(address("s", name)), HasSubstr("participant name")) << name;
   }
