@@ -243,6 +243,17 @@ TEST_F(WrongInputTest, IsRefusedByTheViewer) {
   expect_refused("view", {{{"surplus"}, {"surplus"}}, memory_of_999_slots()});
 }
 
+TEST_F(WrongInputTest, IsRefusedByTheControlTool) {
+  expect_refused("control",
+                 {
+                     {{}, {"subcommand"}},
+                     {{"mode"}, {"MODE"}},
+                     {{"mode", "colaborate"}, {"mode 'colaborate'", "expected auto, collaborate or large-scale"}},
+                     {{"mode", "collaborate ann,"}, {"mode 'collaborate ann,'", "empty user name"}},
+                     {{"stop", "--reason", std::string(256, 'x')}, {"--reason", "expected at most 255 bytes"}},
+                 });
+}
+
 TEST_F(WrongInputTest, IsRefusedByTheMeshTool) {
   const std::string out = path("new.spm");
   expect_refused("mesh",

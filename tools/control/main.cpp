@@ -14,6 +14,7 @@
 #include <thread>
 #include <vector>
 
+#include "session/modes.hpp"
 #include "session/printable.hpp"
 #include "session/stop_latch.hpp"
 #include "session/units.hpp"
@@ -271,6 +272,7 @@ int main(int argc, char** argv) {
     if (stop->parsed()) return stop_forces(address, request, interrupted);
     if (reset->parsed()) return reset_forces(address, request, interrupted);
     if (end->parsed()) return announce(address, wire::topics::kEnd, request, {{}, request.text}, interrupted);
+    (void)session::parse_mode(request.text);  // the HRTCs only log a wrong mode
     return announce(address, wire::topics::kControl, request, {{}, 1, session::ControlKind::kMode, request.text},
                     interrupted);
   } catch (const std::exception& error) {
