@@ -22,6 +22,7 @@
 #include <optional>
 #include <string>
 
+#include "wire/discovery.hpp"
 #include "wire/flow.hpp"
 #include "wire/library.hpp"
 #include "wire/participants.hpp"
@@ -81,6 +82,7 @@ template <class Sample>
 
 struct Participants::Impl {
   SessionAddress address;
+  DiscoveryLocators locators;  ///< of address.discovery
   std::uint64_t session_id = 0;
   std::uint64_t participant_id = 0;
   bool probe_realtime = false;

@@ -4,14 +4,20 @@
 #include <netdb.h>
 
 #include <charconv>
+#include <chrono>
 #include <cstdlib>
+#include <future>
 #include <memory>
+#include <thread>
+#include <utility>
 
+#include "wire/dds.hpp"
 #include "wire/transport/local_addresses.hpp"
 
 namespace tactus::wire {
 namespace {
 
+/// The locator of `host`. Port 0 in the locator of a peer: all discovery ports in the profile's range.
 rtps::Locator_t locator(const std::string& host, std::uint32_t port) {
   addrinfo hints{};
   hints.ai_family = AF_INET;  // all transports of qos/ are UDPv4
@@ -41,34 +47,77 @@ rtps::Locator_t server_locator(const std::string& server) {
   return locator(server.substr(0, colon), port);
 }
 
+/// Time to resolve the names of peers of which some may be left out.
+constexpr std::chrono::seconds kMaxResolving{2};
+
+/// Resolves a name in a thread of its own, because the resolver has no limit of time.
+std::future<rtps::Locator_t> start_resolving(const std::string& host) {
+  std::packaged_task<rtps::Locator_t()> task{[host] { return locator(host, 0); }};
+  std::future<rtps::Locator_t> found = task.get_future();
+  in_addr address{};
+  if (inet_pton(AF_INET, host.c_str(), &address) == 1)
+    task();
+  else
+    std::thread{std::move(task)}.detach();
+  return found;
+}
+
+/// Returns the peers whose names resolve in time, and reports the others. Throws WireError if none resolves.
+std::vector<NamedLocator> resolve_some(const std::vector<std::string>& names) {
+  std::vector<std::future<rtps::Locator_t>> pending;
+  for (const std::string& name : names) pending.push_back(start_resolving(name));
+  const auto end = std::chrono::steady_clock::now() + kMaxResolving;
+  std::vector<NamedLocator> found;
+  std::vector<std::string> reasons;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    try {
+      if (pending[i].wait_until(end) != std::future_status::ready)
+        throw WireError("'" + names[i] + "' does not resolve to an IPv4 address within " +
+                        std::to_string(kMaxResolving.count()) + " s");
+      found.push_back({names[i], pending[i].get()});
+    } catch (const WireError& error) {
+      reasons.emplace_back(error.what());
+    }
+  }
+  if (found.empty() && !reasons.empty()) throw WireError(reasons.front());
+  for (const std::string& reason : reasons) report(reason + "; this program continues without this peer");
+  return found;
+}
+
 }  // namespace
 
-void apply(const Discovery& discovery, dds::DomainParticipantQos& qos) {
+DiscoveryLocators resolve(const Discovery& discovery) {
   if (!discovery.peers.empty() && !discovery.servers.empty()) {
     throw WireError("found both peers and a discovery server; expected one of the two");
   }
+  DiscoveryLocators found;
+  for (const std::string& server : discovery.servers) found.servers.push_back({server, server_locator(server)});
+  if (discovery.skips_unknown_peers)
+    found.peers = resolve_some(discovery.peers);
+  else
+    for (const std::string& peer : discovery.peers) found.peers.push_back({peer, locator(peer, 0)});
+  return found;
+}
+
+void apply(const DiscoveryLocators& discovery, dds::DomainParticipantQos& qos) {
   auto& builtin = qos.wire_protocol().builtin;
-  for (const std::string& peer : discovery.peers) {
-    builtin.initialPeersList.push_back(locator(peer, 0));  // port 0: all discovery ports in the profile's range
-  }
+  for (const NamedLocator& peer : discovery.peers) builtin.initialPeersList.push_back(peer.at);
   if (!discovery.peers.empty()) builtin.initialPeersList.push_back(locator("127.0.0.1", 0));
 
   int number = 0;
-  for (const std::string& server : discovery.servers) {
-    if (!add_discovery_server(qos, server_locator(server), number++))
+  for (const NamedLocator& server : discovery.servers) {
+    if (!add_discovery_server(qos, server.at, number++))
       throw WireError(std::to_string(discovery.servers.size()) + " discovery servers; expected at most 256");
   }
 }
 
-void require_local(const Discovery& discovery) {
+void require_local(const DiscoveryLocators& discovery) {
   LocalAddresses local;
-  const auto require = [&](const std::string& name, const rtps::Locator_t& at) {
-    if (!local.contains(at))
-      throw WireError("'" + name + "' is another machine, and this program has no keys; expected --keys DIR " +
-                      "(docs/how-to/secure.md), or --plain for a session that everyone can read and change");
-  };
-  for (const std::string& peer : discovery.peers) require(peer, locator(peer, 0));
-  for (const std::string& server : discovery.servers) require(server, server_locator(server));
+  for (const std::vector<NamedLocator>& named : {discovery.peers, discovery.servers})
+    for (const NamedLocator& other : named)
+      if (!local.contains(other.at))
+        throw WireError("'" + other.name + "' is another machine, and this program has no keys; expected --keys DIR " +
+                        "(docs/how-to/secure.md), or --plain for a session that everyone can read and change");
 }
 
 void ignore_environment() {

@@ -112,7 +112,7 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
   if (!profiles.read(*factory, profile, qos)) {
     throw WireError(file_of(impl, traffic).string() + ": no participant profile '" + profile + "'; expected one");
   }
-  apply(impl.address.discovery, qos);
+  apply(impl.locators, qos);
   if (impl.security) impl.security->apply(qos);
   disable_type_propagation(qos);
   std::string ignored;
@@ -221,7 +221,8 @@ Participants::Participants(SessionAddress address) : impl_{std::make_unique<Impl
         "security; expected multicast or --peer");
   if (!address.keys.empty() && address.plain)
     throw WireError("--plain cannot be used with --keys; expected one of them");
-  if (address.keys.empty() && !address.plain && !address.is_test) require_local(address.discovery);
+  impl_->locators = resolve(address.discovery);
+  if (address.keys.empty() && !address.plain && !address.is_test) require_local(impl_->locators);
   if (address.plain) report(kPlain, session::Severity::kError);
   if (!address.keys.empty()) {
     impl_->security = std::make_unique<Security>(address);

@@ -292,6 +292,18 @@ TEST_F(SafetyTest, AStopFailsIfAnHrtcFallsSilentBeforeItHasAcknowledgedIt) {
                                                 "not acknowledged by: table\n"));
 }
 
+TEST_F(SafetyTest, AStopContinuesWithoutAPeerWhoseNameDoesNotResolve) {
+  Observer observer{address("observer")};
+  Process desk{hrtc("desk")};
+  ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.is_present("desk"); })) << desk.output();
+  Process stop{control({"stop", "--peer", "127.0.0.1", "--peer", "no.such.host.invalid"})};
+  EXPECT_TRUE(exits_with(0, stop)) << stop.output();
+  EXPECT_THAT(stop.output(), testing::ContainsRegex("'no.such.host.invalid' does not resolve to an IPv4 address.*; "
+                                                    "this program continues without this peer"));
+  Process lost{control({"stop", "--peer", "no.such.host.invalid"})};
+  EXPECT_TRUE(exits_with(2, lost)) << lost.output();
+}
+
 TEST_F(SafetyTest, AStopWithoutAnyHostOrHrtcFails) {
   Process stop{control({"stop", "--patience", "0.2"})};
   EXPECT_TRUE(exits_with(1, stop));

@@ -269,6 +269,7 @@ int main(int argc, char** argv) {
   try {
     const std::atomic<bool>& interrupted = realtime::stop_signal();
     if (is_local) return stop_local_hrtcs();
+    address.discovery.skips_unknown_peers = stop->parsed();
     if (stop->parsed()) return stop_forces(address, request, interrupted);
     if (reset->parsed()) return reset_forces(address, request, interrupted);
     if (end->parsed()) return announce(address, wire::topics::kEnd, request, {{}, request.text}, interrupted);
