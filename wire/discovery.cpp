@@ -11,6 +11,7 @@
 #include <thread>
 #include <utility>
 
+#include "realtime/process.hpp"
 #include "wire/dds.hpp"
 #include "wire/transport/local_addresses.hpp"
 
@@ -115,7 +116,7 @@ void require_local(const DiscoveryLocators& discovery) {
   LocalAddresses local;
   for (const std::vector<NamedLocator>& named : {discovery.peers, discovery.servers})
     for (const NamedLocator& other : named)
-      if (!local.contains(other.at))
+      if (!local.contains(other.at, realtime::monotonic_ns()))
         throw WireError("'" + other.name + "' is another machine, and this program has no keys; expected --keys DIR " +
                         "(docs/how-to/secure.md), or --plain for a session that everyone can read and change");
 }

@@ -1,19 +1,26 @@
+#include <arpa/inet.h>
 #include <gmock/gmock.h>
+#include <net/if.h>
 #include <netinet/in.h>
 #include <netinet/ip.h>
 #include <sched.h>
+#include <sys/ioctl.h>
 #include <sys/socket.h>
 
 #include <cstdlib>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <set>
 #include <string>
+#include <thread>
 
+#include "realtime/process.hpp"
 #include "support.hpp"
 #include "tests/support/temporary_folder.hpp"
 #include "wire/footprint.hpp"
 #include "wire/incarnation.hpp"
+#include "wire/transport/local_addresses.hpp"
 
 namespace tactus::wire::test {
 namespace {
@@ -281,6 +288,41 @@ TEST(Ports, OfDiscoveryThatAnotherProgramDoesNotShareAreNamed) {
               testing::AllOf(HasSubstr("domain 99"), HasSubstr("UDP 32150"), HasSubstr("--domain")));
   tested.discovery.peers = {"127.0.0.1"};
   EXPECT_EQ(join_error(tested), "");
+}
+
+/// Replaces the IPv4 address of the loopback interface in the network namespace of the calling thread.
+void set_loopback_address(const char* address) {
+  ifreq request{};
+  std::strcpy(request.ifr_name, "lo");
+  sockaddr_in at{};
+  at.sin_family = AF_INET;
+  ASSERT_EQ(inet_pton(AF_INET, address, &at.sin_addr), 1);
+  std::memcpy(&request.ifr_addr, &at, sizeof at);
+  const int fd = socket(AF_INET, SOCK_DGRAM, 0);
+  EXPECT_EQ(ioctl(fd, SIOCSIFADDR, &request), 0);
+  close(fd);
+}
+
+TEST(LocalAddresses, ThatAMachineHasLostAreForgotten) {
+  const auto locator = [](const char* address) {
+    rtps::Locator_t made;
+    EXPECT_EQ(inet_pton(AF_INET, address, made.address + 12), 1);
+    return made;
+  };
+  bool has_namespace = false;
+  std::thread{[&] {
+    has_namespace = unshare(CLONE_NEWNET) == 0;  // of this thread only
+    if (!has_namespace) return;
+    set_loopback_address("10.99.0.1");
+    LocalAddresses local;
+    const std::int64_t now_ns = realtime::monotonic_ns();
+    EXPECT_TRUE(local.contains(locator("10.99.0.1"), now_ns));
+    set_loopback_address("10.99.0.2");
+    EXPECT_FALSE(local.contains(locator("10.99.0.1"), now_ns + 6'000'000'000));
+    EXPECT_TRUE(local.contains(locator("10.99.0.2"), now_ns + 6'000'000'000));
+    EXPECT_TRUE(local.contains(locator("127.0.0.1"), now_ns));
+  }}.join();
+  if (!has_namespace) GTEST_SKIP() << "no network namespace";
 }
 
 TEST(ProbeThreads, ReportWhetherTheirPriorityIsGranted) {

@@ -64,7 +64,7 @@ class FilterTransport final : public WholeMessageTransport {
   void receive(transport::TransportReceiverInterface* next, const rtps::octet* message, std::uint32_t size,
                const rtps::Locator_t& local, const rtps::Locator_t& remote) override {
     descriptor_.settings.gate->pass();
-    if (descriptor_.settings.only_local && !local_.contains(remote)) {
+    if (descriptor_.settings.only_local && !local_.contains(remote, realtime::monotonic_ns())) {
       if (!has_reported_.exchange(true)) report(kOtherMachine);
       return;
     }

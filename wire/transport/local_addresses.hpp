@@ -14,8 +14,9 @@ class LocalAddresses {
  public:
   LocalAddresses();
   /// Returns whether the locator has a loopback address, or an address of one of the interfaces. Reads the addresses
-  /// again, at most once in a second, if it does not know this one.
-  [[nodiscard]] bool contains(const rtps::Locator_t& locator);
+  /// again if they are 5 s old, because the machine may have lost this one, and at most once in a second if it does not
+  /// know this one.
+  [[nodiscard]] bool contains(const rtps::Locator_t& locator, std::int64_t now_ns);
 
  private:
   std::mutex mutex_;
