@@ -31,11 +31,11 @@ struct Discovery {
   /// IPv4 addresses or names of machines. The program announces itself to each of them and to its own machine, instead
   /// of to the multicast group. For two programs to meet, one of them has to name the machine of the other.
   std::vector<std::string> peers;
-  /// True: a peer whose name does not resolve within 2 s is reported and left out, if another one resolves.
-  bool skips_unknown_peers = false;
   /// Discovery servers of Fast DDS (`fast-discovery-server -i N -p PORT`), as HOST or HOST:PORT, in the order of their
   /// ids N from 0. One server serves all three domains and all sessions. Additional servers are redundant.
   std::vector<std::string> servers;
+  /// True: a peer whose name does not resolve within 2 s is reported and left out, if another one resolves.
+  bool skips_unknown_peers = false;
 };
 
 /// The name of a program with keys is that of its keys, or NAME.INSTANCE for several programs with the same keys.
