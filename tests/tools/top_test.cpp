@@ -12,6 +12,7 @@ using session::id_of;
 using session::Role;
 using testing::AllOf;
 using testing::ElementsAre;
+using testing::EndsWith;
 using testing::HasSubstr;
 using testing::Not;
 using testing::StartsWith;
@@ -207,6 +208,14 @@ TEST(TextTable, AlignsColumnsByTheirCharacters) {
   EXPECT_EQ(lines[1].text, "Zo\xc3\xab   12");
   EXPECT_EQ(lines[2].text, "a");
   EXPECT_EQ(lines[2].emphasis, Emphasis::kAlert);
+}
+
+TEST(TextTable, AlignsCellsWhoseControlCharactersItReplaces) {
+  const std::vector<Line> lines = table({{{"N", "X"}}, {{"\xc2\x9b\xc2\x9b", "1"}}, {{"a", "2"}}}, "ll");
+  ASSERT_EQ(lines.size(), 3u);
+  EXPECT_EQ(lines[1].text.find('\x9b'), std::string::npos);
+  EXPECT_THAT(lines[1].text, EndsWith("  1"));
+  EXPECT_THAT(lines[2].text, AllOf(StartsWith("a "), EndsWith("  2")));
 }
 
 TEST(TextTable, IsCutToTheTerminal) {

@@ -25,19 +25,26 @@ std::string first_characters(const std::string& text, std::size_t count) {
 }  // namespace
 
 std::vector<Line> table(const std::vector<Row>& rows, const std::string& alignment) {
+  // A printable cell can be wider than the cell itself, so the widths are those of the printable cells.
+  std::vector<std::vector<std::string>> cells;
   std::vector<std::size_t> widths(alignment.size(), 0);
-  for (const Row& row : rows)
-    for (std::size_t i = 0; i < row.cells.size(); ++i) widths.at(i) = std::max(widths.at(i), width(row.cells[i]));
-  std::vector<Line> lines;
   for (const Row& row : rows) {
+    std::vector<std::string>& of_row = cells.emplace_back();
+    for (const std::string& cell : row.cells) {
+      of_row.push_back(session::printable(cell));
+      std::size_t& max_width = widths.at(of_row.size() - 1);
+      max_width = std::max(max_width, width(of_row.back()));
+    }
+  }
+  std::vector<Line> lines;
+  for (const std::vector<std::string>& of_row : cells) {
     std::string text;
-    for (std::size_t i = 0; i < row.cells.size(); ++i) {
-      const std::string cell = session::printable(row.cells[i]);
-      const std::string blanks(widths[i] - width(cell), ' ');
-      text += (i == 0 ? "" : "  ") + (alignment[i] == 'l' ? cell + blanks : blanks + cell);
+    for (std::size_t i = 0; i < of_row.size(); ++i) {
+      const std::string blanks(widths[i] - width(of_row[i]), ' ');
+      text += (i == 0 ? "" : "  ") + (alignment[i] == 'l' ? of_row[i] + blanks : blanks + of_row[i]);
     }
     text.erase(text.find_last_not_of(' ') + 1);
-    lines.push_back({text, lines.empty() ? Emphasis::kHead : row.emphasis});
+    lines.push_back({text, lines.empty() ? Emphasis::kHead : rows[lines.size()].emphasis});
   }
   return lines;
 }
