@@ -6,11 +6,22 @@
 namespace tactus::netem {
 
 Link::Link(const LinkProfile& profile, std::uint64_t seed)
-    : profile_{profile}, loss_random_{2 * seed}, jitter_random_{2 * seed + 1}, repeat_random_{~seed} {}
+    : profile_{profile},
+      queue_rate_mbit_{profile.rate_mbit},
+      loss_random_{2 * seed},
+      jitter_random_{2 * seed + 1},
+      repeat_random_{~seed} {}
 
 void Link::set_profile(const LinkProfile& profile) {
   profile_ = profile;
   in_burst_ = false;
+}
+
+void Link::adapt_queue(std::int64_t now_ns) {
+  const double ratio = profile_.rate_mbit > 0 ? queue_rate_mbit_ / profile_.rate_mbit : 0;
+  const std::int64_t backlog_ns = std::max<std::int64_t>(free_ns_ - now_ns, 0);
+  free_ns_ = now_ns + std::llround(static_cast<double>(backlog_ns) * ratio);
+  queue_rate_mbit_ = profile_.rate_mbit;
 }
 
 std::optional<std::int64_t> Link::departure(std::int64_t arrival_ns, std::size_t bytes) {
@@ -19,6 +30,7 @@ std::optional<std::int64_t> Link::departure(std::int64_t arrival_ns, std::size_t
   const bool lost = is_lost();
   const std::array<double, 2> noise = jitter_noise();
   is_repeated_ = profile_.repeat > 0 && uniform_(repeat_random_) < profile_.repeat;
+  if (queue_rate_mbit_ != profile_.rate_mbit) adapt_queue(arrival_ns);
   std::int64_t sent = arrival_ns;
   if (profile_.rate_mbit > 0) {
     const double ns_per_byte = 8e3 / profile_.rate_mbit;
@@ -68,7 +80,8 @@ double Link::jitter(std::int64_t at_ns, const std::array<double, 2>& noise) {
     smooth_jitter_ = first;
     smooth_jitter_rate_ = second;
   } else {
-    const double a = static_cast<double>(at_ns - smooth_jitter_ns_) * 1e-6 / kJitterCorrelationMs;
+    // A new profile with a higher rate may send a frame earlier than the old one sent the frame before it.
+    const double a = std::max(0.0, static_cast<double>(at_ns - smooth_jitter_ns_) * 1e-6 / kJitterCorrelationMs);
     const double decay = std::exp(-a);
     const double x = decay * ((1 + a) * smooth_jitter_ + a * smooth_jitter_rate_);
     const double v = decay * ((1 - a) * smooth_jitter_rate_ - a * smooth_jitter_);

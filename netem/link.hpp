@@ -37,18 +37,22 @@ class Link {
   [[nodiscard]] bool is_repeated() const noexcept { return is_repeated_; }
 
   /// Replaces the profile, which must pass `check`, for later frames, and ends a burst of losses. Frames keep their
-  /// order unless the new profile reorders.
+  /// order unless the new profile reorders. The bytes that wait when the next frame arrives stay in the queue, at the
+  /// new rate; without a limit there is no queue.
   void set_profile(const LinkProfile& profile);
 
   [[nodiscard]] const LinkCounts& counts() const noexcept { return counts_; }
 
  private:
+  /// Gives the bytes in the queue the time that they need at the rate of a new profile.
+  void adapt_queue(std::int64_t now_ns);
   [[nodiscard]] bool is_lost();
   /// Returns the standard normal values that the jitter of one frame needs.
   [[nodiscard]] std::array<double, 2> jitter_noise();
   [[nodiscard]] double jitter(std::int64_t at_ns, const std::array<double, 2>& noise);
 
   LinkProfile profile_;
+  double queue_rate_mbit_;  // rate with which free_ns_ is computed
   std::mt19937_64 loss_random_, jitter_random_, repeat_random_;
   std::uniform_real_distribution<double> uniform_{0, 1};
   std::normal_distribution<double> normal_;

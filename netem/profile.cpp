@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kAToBShare = 0.7;  // asymmetric variant: share of the round trip's delay and jitter from a to b
 
-/// `of_high`: what sets the upper limit, for the message.
+/// `of_high`: what sets the upper limit, or another value that is valid, for the message.
 void check_range(const std::string& link, const char* what, double value, double low, double high,
                  const char* of_high = "") {
   if (value >= low && value <= high) return;
@@ -27,7 +27,8 @@ void check_direction(const std::string& link, const LinkProfile& direction) {
   check_range(link, "probability of the start of bursts", direction.burst_start, 0, 1);
   check_range(link, "probability of the end of bursts", direction.burst_end, 1e-6, 1);
   check_range(link, "share of repeated frames", direction.repeat, 0, 1);
-  check_range(link, "rate, Mbit/s,", direction.rate_mbit, 0, 100'000);
+  if (direction.rate_mbit != 0)
+    check_range(link, "rate, Mbit/s,", direction.rate_mbit, 0.001, 100'000, ", or 0 for no limit");
   if (direction.rate_mbit > 0) check_range(link, "queue, bytes,", direction.queue_bytes, 1514, 1e9);
 }
 

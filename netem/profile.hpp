@@ -26,7 +26,7 @@ struct LinkProfile {
   double burst_start = 0;
   /// Gilbert-Elliott r: probability per frame of a burst that the burst ends. The mean length of a burst is 1/r frames.
   double burst_end = 1;
-  double rate_mbit = 0;                 ///< 10^6 bits of Ethernet frames per second; 0: no limit
+  double rate_mbit = 0;                 ///< 10^6 bits of Ethernet frames per second, at least 0.001; 0: no limit
   std::uint32_t queue_bytes = 300'000;  ///< size of the queue with a limited rate; a frame that does not fit is dropped
   double repeat = 0;                    ///< probability that a frame that arrives does so twice, 0 to 1
 

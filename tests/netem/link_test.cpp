@@ -120,6 +120,53 @@ TEST(ALink, UsesANewProfileForLaterFramesAndKeepsTheirOrder) {
   EXPECT_EQ(link.departure(60 * kMs, kFrame), 61 * kMs);
 }
 
+TEST(ALink, KeepsTheBytesOfItsQueueWhenTheRateChanges) {
+  LinkProfile slow, fast;
+  slow.rate_mbit = 0.1;  // 80 ms for a frame
+  fast.rate_mbit = 20;   // 0.4 ms for a frame
+  Link link{slow, kSeed};
+  constexpr int kQueued = 125;  // 10 s at the slow rate
+  for (int i = 0; i < kQueued; ++i) ASSERT_TRUE(link.departure(0, kFrame));
+  link.set_profile(fast);
+  EXPECT_EQ(link.departure(0, kFrame), kQueued * 80 * kMs) << "not before the earlier frame";
+  constexpr int kLeft = 174;  // of the queue of 300 kB
+  for (int i = 0; i < kLeft; ++i) EXPECT_TRUE(link.departure(0, kFrame)) << i;
+  EXPECT_FALSE(link.departure(0, kFrame)) << "the queue is full";
+  for (int i = 0; i < 100; ++i) EXPECT_TRUE(link.departure(120 * kMs, kFrame)) << "the queue is empty again, " << i;
+  link.set_profile(slow);
+  EXPECT_EQ(link.departure(15'000 * kMs, kFrame), 15'080 * kMs) << "the queue has emptied before the change";
+}
+
+TEST(ALink, HasNoQueueAfterTheLimitOfItsRateIsRemoved) {
+  LinkProfile slow;
+  slow.rate_mbit = 0.1;
+  Link link{slow, kSeed};
+  for (int i = 0; i < 125; ++i) (void)link.departure(0, kFrame);
+  link.set_profile({});
+  EXPECT_EQ(link.departure(kMs, kFrame), 10'000 * kMs);
+  link.set_profile(slow);
+  EXPECT_EQ(link.departure(10'000 * kMs, kFrame), 10'080 * kMs);
+}
+
+TEST(SmoothJitter, StaysSmallAfterTheLimitOfTheRateIsRemoved) {
+  LinkProfile slow;
+  slow.delay_ms = 100;
+  slow.jitter_ms = 25;
+  LinkProfile unlimited = slow;
+  slow.rate_mbit = 0.1;
+  for (std::uint64_t seed = kSeed; seed < kSeed + 20; ++seed) {
+    Link link{slow, seed};
+    std::int64_t last_departure = 0;
+    for (int i = 0; i < 12; ++i) last_departure = link.departure(0, kFrame).value_or(0);  // 0.96 s
+    link.set_profile(unlimited);
+    for (int i = 1; i <= 100; ++i) {
+      const auto departure = link.departure(i * kMs, kFrame);
+      ASSERT_TRUE(departure);
+      ASSERT_LE(*departure, last_departure + 1000 * kMs) << "frame " << i << ", seed " << seed;
+    }
+  }
+}
+
 TEST(ALink, LosesTheShareOfItsProfile) {
   LinkProfile profile;
   profile.loss = 0.02;
@@ -394,6 +441,8 @@ TEST(AnInvalidLink, IsRefusedWithTheFoundAndTheExpectedValue) {
   EXPECT_THAT(check_error("P2", [](LinkProfile& direction) { direction.queue_bytes = 100; }),
               HasSubstr("queue, bytes, is 100"));
   EXPECT_THAT(check_error("P2", [](LinkProfile& direction) { direction.delay_ms = NAN; }), HasSubstr("delay"));
+  EXPECT_THAT(check_error("P2", [](LinkProfile& direction) { direction.rate_mbit = 1e-10; }),
+              HasSubstr("rate, Mbit/s, is 1e-10; expected 0.001 to 100000, or 0 for no limit"));
   EXPECT_THAT(check_error("veth", [](LinkProfile& direction) { direction.delay_ms = 1; }), HasSubstr("use P0"));
   EXPECT_THROW((void)parse_link("P9"), LinkError);
   EXPECT_THROW((void)parse_link("vetha"), LinkError);
