@@ -5,6 +5,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <filesystem>
 #include <fstream>
@@ -163,6 +164,30 @@ TEST_F(HealthTest, ReportsAStateOfAnEarlierProcess) {
   health_.on_sample(state(kTouch, 1, 2), now_);
   health_.on_sample(state(kTouch, 1, 1), now_);
   EXPECT_THAT(health_.violations(), ElementsAre(HasSubstr("earlier process")));
+}
+
+TEST_F(HealthTest, StoresNoMoreThan4096UsersAndHrtcs) {
+  session::RosterEntry hrtc = entry(kHrtc, session::Role::kHrtc, "desk");
+  hrtc.served_users.clear();
+  for (std::uint64_t i = 0; i < 5000; ++i) {
+    session::ProbeState of_another = state(kTouch);
+    of_another.user_id = i;
+    of_another.origin.participant = i;
+    health_.on_sample(of_another, now_);
+    hrtc.served_users.push_back({"user" + std::to_string(i), 0});
+  }
+  health_.on_sample(hrtc, now_);
+  health_.set_reference(now_);
+  const std::string users = health_.reference_text();
+  EXPECT_EQ(std::count(users.begin(), users.end(), ','), 4096) << "the HRTC and 4096 users";
+
+  health_.on_sample(state(kTouch, 1, 2), now_);
+  health_.on_sample(state(kTouch, 1, 1), now_);
+  EXPECT_THAT(health_.violations(), IsEmpty()) << "the processes of this HRTC are not stored";
+  session::ProbeState strong = state(kTouch, 9);
+  strong.user_id = session::id_of("user4999");
+  health_.on_sample(strong, now_);
+  EXPECT_THAT(health_.violations(), ElementsAre(HasSubstr(std::to_string(strong.user_id)))) << "without its name";
 }
 
 /// Polls `condition` for at most 5 s, because /proc reports no changes.

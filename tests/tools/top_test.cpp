@@ -114,8 +114,32 @@ TEST_F(OverviewTest, ComputesRatesFromTwoSamplesOfCounters) {
   EXPECT_EQ(line("desk").text, "desk  ok        100       995       -       -      25        -          -       -")
       << "the mean rate, before the second sample";
   run(kSecond);
-  metrics("desk", {{figures::kCycles, 1900}, {figures::kRecentCycleP99, 21.4}, {"safety.faults", 2}});
+  metrics("desk", {{figures::kCycles, 1900},
+                   {figures::kRecentCycleP99, 21.4},
+                   {figures::kPoolUsed, 1},
+                   {figures::kPoolLimit, 4},
+                   {"safety.faults", 2}});
   EXPECT_EQ(line("desk").text, "desk  ok        100       900      21       -      25        -          -       2");
+}
+
+TEST_F(OverviewTest, StoresOnlyTheFiguresOfTheNewestSamples) {
+  run(kSecond);
+  metrics("desk", {{"safety.faults", 2}});
+  metrics("desk", {{"figure with another name", 1}});
+  EXPECT_EQ(line("desk").text, "desk  ok        100         -       -       -       -        -          -       -");
+}
+
+TEST_F(OverviewTest, StoresNoMoreThan4096AbsentParticipants) {
+  for (int i = 0; i < 5000; ++i) {
+    session::RosterEntry viewer = entry("v" + std::to_string(i), Role::kViewer);
+    overview_.on_sample(viewer, now_ns_);
+    viewer.leaving = true;
+    viewer.heartbeat = ++heartbeats_;
+    overview_.on_sample(viewer, now_ns_);
+  }
+  int absent = 0;
+  for (const Line& shown : overview_.screen(now_ns_)) absent += shown.text.ends_with("left 0 s ago") ? 1 : 0;
+  EXPECT_EQ(absent, 4096);
 }
 
 TEST_F(OverviewTest, ForgetsTheFiguresOfAnEarlierStart) {

@@ -3,8 +3,12 @@
 #include <cmath>
 #include <cstdio>
 
+#include "tools/has_room.hpp"
+
 namespace tactus::chaos {
 namespace {
+
+using tools::has_room;
 
 constexpr std::size_t kMaxViolations = 100;        // stored
 constexpr std::int64_t kRecentNs = 2'000'000'000;  // age of an exact contact of the reference
@@ -28,17 +32,22 @@ std::string Health::name_of(std::uint64_t user) const {
 
 void Health::on_sample(const session::RosterEntry& entry, std::int64_t now_ns) {
   (void)roster_.on_entry(entry, now_ns);
-  for (const session::UserProbe& served : entry.served_users) names_[session::id_of(served.user)] = served.user;
+  for (const session::UserProbe& served : entry.served_users) {
+    const std::uint64_t user = session::id_of(served.user);
+    if (has_room(names_, user)) names_[user] = served.user;
+  }
 }
 
 void Health::on_sample(const session::ProbeState& state, std::int64_t now_ns) {
   ++states_;
-  std::uint64_t& incarnation = incarnations_[state.origin.participant];
-  if (state.origin.incarnation < incarnation) {
-    report(state.user_id, "a state of an earlier process of its HRTC arrived after one of a later process");
-    return;
+  if (has_room(incarnations_, state.origin.participant)) {
+    std::uint64_t& incarnation = incarnations_[state.origin.participant];
+    if (state.origin.incarnation < incarnation) {
+      report(state.user_id, "a state of an earlier process of its HRTC arrived after one of a later process");
+      return;
+    }
+    incarnation = state.origin.incarnation;
   }
-  incarnation = state.origin.incarnation;
   const double force = std::hypot(state.force[0], state.force[1], state.force[2]);
   max_force_ = std::fmax(max_force_, force);
   if (!(force <= settings_.max_force * kRounding)) {
@@ -46,6 +55,7 @@ void Health::on_sample(const session::ProbeState& state, std::int64_t now_ns) {
     std::snprintf(line, sizeof line, "a force of %.3g N, expected at most %g N", force, settings_.max_force);
     report(state.user_id, line);
   }
+  if (!has_room(states_of_, state.user_id)) return;
   User& user = states_of_[state.user_id];
   user.newest = state;
   user.received_ns = now_ns;

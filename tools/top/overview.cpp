@@ -5,12 +5,14 @@
 #include <cmath>
 #include <cstdio>
 #include <set>
+#include <utility>
 
 #include "session/figures.hpp"
 #include "session/printable.hpp"
 #include "session/status_names.hpp"
 #include "session/stop_latch.hpp"
 #include "session/units.hpp"
+#include "tools/has_room.hpp"
 #include "tools/hex.hpp"
 
 namespace tactus::top {
@@ -18,6 +20,7 @@ namespace {
 
 namespace figures = session::figures;
 using session::Role;
+using tools::has_room;
 
 constexpr std::int64_t kShowAbsentNs = 60'000 * kMs;  // participants that left or fell silent, and events
 constexpr std::int64_t kDiscoveryNs = 2'000 * kMs;    // from the start until all participants are discovered
@@ -56,18 +59,11 @@ double length(const std::array<double, 3>& vector) { return std::hypot(vector[0]
 
 bool has_forces(const session::RosterEntry& entry) { return entry.role == Role::kHrtc || entry.role == Role::kHost; }
 
-/// Returns whether an entry with this key exists or may be added. Samples from the network must not fill the memory.
 /// A screen is drawn every half a second or more seldom, so a long time between two ticks means nothing.
 session::RosterSettings settings_of_a_screen() {
   session::RosterSettings settings;
   settings.max_tick_ns = std::numeric_limits<std::int64_t>::max() / 2;
   return settings;
-}
-
-template <class Value>
-bool has_room(const std::map<std::uint64_t, Value>& all, std::uint64_t key) {
-  constexpr std::size_t kMaxEntries = 4096;
-  return all.size() < kMaxEntries || all.count(key) != 0;
 }
 
 /// Sorts the rows after the head by their first cells, which are names.
@@ -128,7 +124,7 @@ void Overview::on_sample(const session::Metrics& metrics, std::int64_t) {
   Figures& of = figures_[metrics.origin.participant];
   if (metrics.origin.incarnation < of.incarnation) return;
   if (metrics.origin.incarnation > of.incarnation) of = Figures{metrics.origin.incarnation, {}, {}, 0, 0};
-  of.before = of.newest;
+  of.before = std::exchange(of.newest, {});  // each sample has all figures of a row
   of.before_ns = of.newest_ns;
   of.newest_ns = metrics.origin.time_ns;
   for (const session::Figure& figure : metrics.figures) of.newest[figure.name] = figure.value;
@@ -157,7 +153,8 @@ void Overview::apply(const std::vector<session::RosterEvent>& events, std::int64
     using Change = session::RosterChange;
     const std::uint64_t participant = event.entry.origin.participant;
     if (event.change == Change::kJoined || event.change == Change::kRestarted) absent_.erase(participant);
-    if (event.change == Change::kLeft || event.change == Change::kGone)
+    const bool is_absent = event.change == Change::kLeft || event.change == Change::kGone;
+    if (is_absent && has_room(absent_, participant))
       absent_[participant] = {event.entry, event.change == Change::kLeft, now_ns};
     if (event.change != Change::kChanged) add_event(session::text(event), now_ns);
   }

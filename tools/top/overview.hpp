@@ -33,7 +33,7 @@ class Overview {
   [[nodiscard]] std::vector<Line> screen(std::int64_t now_ns);
 
  private:
-  /// Figures of a host or HRTC: the newest values, and the values of counters one sample earlier.
+  /// Figures of a host or HRTC: those of the newest sample, and of the sample before it.
   struct Figures {
     std::uint64_t incarnation = 0;
     std::map<std::string, double> newest, before;
