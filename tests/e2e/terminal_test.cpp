@@ -65,6 +65,18 @@ TEST_F(TerminalTest, WatchPrintsTextWithAFieldOnEachLine) {
                                     HasSubstr("\nfigures.hrtc.cycles: ")));
 }
 
+TEST_F(TerminalTest, WatchPrintsTheSamplesOfATimeThatIsShorterThanItsWaitForNames) {
+  ASSERT_TRUE(wait_for_touch()) << users_.output();
+  // On a busy machine, the discovery can take longer than one such time.
+  std::string output;
+  for (int i = 0; i < 20 && output.find("--- tactus_probe_state, ") == std::string::npos; ++i) {
+    Process watch{in_session("watch", {"probe_state", "--for", "0.5"})};
+    (void)watch.wait();
+    output = watch.output();
+  }
+  EXPECT_THAT(output, HasSubstr("--- tactus_probe_state, "));
+}
+
 TEST_F(TerminalTest, WatchReportsThatNoSampleArrived) {
   Process watch{in_session("watch", {"reset", "--for", "1"})};
   EXPECT_TRUE(exits_with(1, watch));

@@ -172,7 +172,7 @@ TEST_F(HealthTest, StoresNoMoreThan4096UsersAndHrtcs) {
   for (std::uint64_t i = 0; i < 5000; ++i) {
     session::ProbeState of_another = state(kTouch);
     of_another.user_id = i;
-    of_another.origin.participant = i;
+    of_another.origin.participant = 1000 + i;  // not kHrtc
     health_.on_sample(of_another, now_);
     hrtc.served_users.push_back({"user" + std::to_string(i), 0});
   }

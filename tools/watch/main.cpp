@@ -188,6 +188,12 @@ int print_samples(const Options& options, const std::atomic<bool>& cancelled) {
                       }};
   for (const wire::TapTopic& topic : tap.topics())
     if (topic.name == options.topic) printer.expect_fields(topic.type);
+  const auto print_arrived = [&](std::chrono::milliseconds timeout) {
+    const auto samples = inbox.take(timeout);
+    for (const auto& [at_ns, sample] : samples) printer.add_names(tap.topics()[sample.topic], sample.bytes);
+    for (const auto& [at_ns, sample] : samples) printer.add(tap.topics()[sample.topic], sample.bytes, at_ns);
+    return static_cast<bool>(std::cout.flush());
+  };
   const std::int64_t begin_ns = monotonic_ns();
   bool has_hinted = false;
   while (!cancelled && !printer.is_complete()) {
@@ -197,14 +203,13 @@ int print_samples(const Options& options, const std::atomic<bool>& cancelled) {
       std::this_thread::sleep_for(kPollPeriod);
       continue;
     }
-    const auto samples = inbox.take(kPollPeriod);
-    for (const auto& [at_ns, sample] : samples) printer.add_names(tap.topics()[sample.topic], sample.bytes);
-    for (const auto& [at_ns, sample] : samples) printer.add(tap.topics()[sample.topic], sample.bytes, at_ns);
-    if (!std::cout.flush()) return tools::failed_output_status("tactus-watch", errno);
+    if (!print_arrived(kPollPeriod)) return tools::failed_output_status("tactus-watch", errno);
     if (has_hinted || printer.printed() > 0 || now_ns - begin_ns < kHintNs) continue;
     has_hinted = true;
     std::cerr << "tactus-watch: no sample yet of " << printer.search() << '\n';
   }
+  // Those that arrived before the end, but after the last look or before the first one.
+  if (!print_arrived(std::chrono::milliseconds{0})) return tools::failed_output_status("tactus-watch", errno);
   if (inbox.dropped() > 0)
     std::cerr << "tactus-watch: dropped " << inbox.dropped()
               << " samples, which arrived faster than they were printed\n";
