@@ -101,6 +101,13 @@ TEST(SampleText, OmitsTheEndOfALongList) {
   EXPECT_EQ(text(fields), "payload: [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 4 more]\n");
 }
 
+TEST(SampleJson, EscapesAllControlCharacters) {
+  const Fields fields{{"text", "a\x1b[2J\x7f\xc2\x9b\xc2\xa0\xc3\xab"}};
+  const std::string line = json_line(fields);
+  EXPECT_EQ(line, "{\"text\":\"a\\u001b[2J\\u007f\\u009b\xc2\xa0\xc3\xab\"}");
+  EXPECT_EQ(Fields::parse(line), fields);
+}
+
 TEST(SampleText, ContainsNoControlCharacters) {
   EXPECT_EQ(text({{"text", "a\x1b[2J\nb\x7f\xc2\x9b"}}), "text: a?[2J?b?\xc2?\n");
 }

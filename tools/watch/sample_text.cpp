@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cstdio>
 #include <string_view>
 
 #include "session/messages.hpp"
@@ -24,7 +25,27 @@ bool contains(const std::array<std::string_view, Count>& all, const std::string&
   return std::find(all.begin(), all.end(), name) != all.end();
 }
 
-std::string dump(const Fields& value) { return value.dump(-1, ' ', false, Fields::error_handler_t::replace); }
+/// Returns JSON without control characters. JSON itself escapes only those below U+0020, but a terminal also obeys U+007F
+/// to U+009F.
+std::string dump(const Fields& value) {
+  const std::string json = value.dump(-1, ' ', false, Fields::error_handler_t::replace);
+  std::string escaped;
+  escaped.reserve(json.size());
+  for (std::size_t i = 0; i < json.size(); ++i) {
+    const auto code = static_cast<unsigned char>(json[i]);
+    const auto next = static_cast<unsigned char>(i + 1 < json.size() ? json[i + 1] : 0);
+    const bool is_c1 = code == 0xc2 && next >= 0x80 && next < 0xa0;
+    if (code == 0x7f || is_c1) {
+      std::array<char, 8> text{};
+      std::snprintf(text.data(), text.size(), "\\u%04x", unsigned{is_c1 ? next : code});
+      escaped += text.data();
+      i += is_c1 ? 1 : 0;
+    } else {
+      escaped += json[i];
+    }
+  }
+  return escaped;
+}
 
 /// Replaces the list of figures, each with a name and a value, by one object.
 Fields figures_by_name(const Fields& list) {
