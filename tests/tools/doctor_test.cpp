@@ -172,6 +172,12 @@ TEST(Doctor, NeedsNoMulticastWithUnicastDiscovery) {
   EXPECT_THAT(problems(facts), IsEmpty());
 }
 
+TEST(Doctor, WritesJsonOfNamesThatAreNotUtf8) {
+  const std::vector<Finding> findings{{Severity::kGood, "check", "a\xff", ""}};
+  const auto parsed = nlohmann::json::parse(json(findings));
+  EXPECT_EQ(parsed.at("findings").at(0).at("found"), "a\xef\xbf\xbd");
+}
+
 TEST(Doctor, WritesEveryFindingAsTextAndAsJson) {
   Facts facts = sound_machine();
   facts.has_fifo = false;

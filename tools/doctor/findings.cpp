@@ -324,7 +324,8 @@ std::string json(const std::vector<Finding>& findings) {
                    {"check", f.check},
                    {"found", f.found},
                    {"remedy", f.remedy}});
-  return nlohmann::ordered_json{{"findings", all}}.dump(2) + "\n";
+  using Json = nlohmann::ordered_json;  // names of files and interfaces may not be UTF-8
+  return Json{{"findings", all}}.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
 }  // namespace tactus::doctor
