@@ -71,7 +71,7 @@ TEST(ChaosPlan, HasNoFaultIfNoneIsPossible) {
   Plan plan{1, {FaultKind::kKill}, 4};
   Program host;
   host.label = "host museum";
-  EXPECT_THROW((void)plan.next({host}), std::runtime_error);
+  EXPECT_THROW((void)plan.next({host}), NoPossibleFault);
 }
 
 class HealthTest : public testing::Test {
@@ -306,6 +306,20 @@ TEST(ChaosPrograms, StartAgainWithTheirCommandAndOutputAndWithoutDescriptorsOfTh
   EXPECT_FALSE(resources_of(before)) << "the killed process";
   EXPECT_THROW(Suspension(before, 1), ProgramEnded);
   EXPECT_THROW(kill_and_restart(before), ProgramEnded);
+}
+
+TEST(ChaosPrograms, ThatCannotStartAgainAfterTheirEndAreReported) {
+  const test_support::TemporaryFolder parent;
+  const std::filesystem::path folder = parent.path() / "of the host";
+  std::filesystem::create_directory(folder);
+  FakeHost host{"cd '" + folder.string() + "'; "};
+  ASSERT_TRUE(host.process().wait_for_line("runs"));
+  const Program program = host.found().at(0);
+  const std::filesystem::path link = "/proc/" + std::to_string(program.pid) + "/cwd";
+  ASSERT_TRUE(eventually([&] { return std::filesystem::read_symlink(link) == folder; }));
+  std::filesystem::remove(folder);
+  EXPECT_THROW(kill_and_restart(program), NotRestarted);
+  EXPECT_THAT(host.found(), IsEmpty());
 }
 
 }  // namespace

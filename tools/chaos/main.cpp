@@ -122,14 +122,26 @@ class Run {
     std::printf("seed %llu, %g s of faults in session %s with %s\n", static_cast<unsigned long long>(options_.seed),
                 options_.seconds, options_.address.session.c_str(),
                 session::printable(observer_.health().reference_text()).c_str());
-    while (monotonic_ns() < end_ns) {
-      if (static_cast<double>(monotonic_ns() - begin_ns) * 1e-9 >= kWarmUp * options_.seconds) measure_programs();
-      const Fault fault = plan.next(found_programs());
-      observer_.receive_for(fault.pause);
-      std::printf("%7.1f s  %s", static_cast<double>(monotonic_ns() - begin_ns) * 1e-9,
-                  session::printable(text(fault)).c_str());
-      std::fflush(stdout);
-      apply(fault);
+    try {
+      while (monotonic_ns() < end_ns) {
+        if (static_cast<double>(monotonic_ns() - begin_ns) * 1e-9 >= kWarmUp * options_.seconds) measure_programs();
+        const Fault fault = plan.next(found_programs());
+        observer_.receive_for(fault.pause);
+        std::printf("%7.1f s  %s", static_cast<double>(monotonic_ns() - begin_ns) * 1e-9,
+                    session::printable(text(fault)).c_str());
+        std::fflush(stdout);
+        apply(fault);
+      }
+    } catch (const NoPossibleFault& error) {
+      if (recoveries_.empty() || realtime::stop_signal())
+        throw;  // nothing has happened, or Ctrl-C has ended all programs
+      ++unrecovered_;
+      std::printf("NOT RECOVERED: %s\n", session::printable(error.what()).c_str());
+    } catch (const NotRestarted& error) {
+      if (realtime::stop_signal()) throw;
+      ++recoveries_[FaultKind::kKill].faults;
+      ++unrecovered_;
+      std::printf(": NOT RECOVERED: %s\n", session::printable(error.what()).c_str());
     }
     report();
     return unrecovered_ == 0 && observer_.health().violations().empty() ? 0 : 1;
@@ -311,7 +323,8 @@ class Run {
                   static_cast<unsigned long long>(observer_.dropped()));
     if (options_.json.empty()) return;
     std::ofstream file{options_.json};
-    file << json.dump(1) << '\n';
+    // Names and labels may not be UTF-8.
+    file << json.dump(1, ' ', false, nlohmann::json::error_handler_t::replace) << '\n';
     if (!file.flush()) throw std::runtime_error("cannot write " + options_.json);
   }
 

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <stdexcept>
 
 namespace tactus::chaos {
 namespace {
@@ -68,7 +67,7 @@ Fault Plan::next(const std::vector<Program>& programs) {
     const auto possible_for = [kind](const Program& program) { return applies(kind, program); };
     if (is_of_network(kind) || std::any_of(programs.begin(), programs.end(), possible_for)) possible.push_back(kind);
   }
-  if (possible.empty()) throw std::runtime_error("no program of the session on this machine can have such a fault");
+  if (possible.empty()) throw NoPossibleFault("no program of the session on this machine can have such a fault");
   Fault fault;
   fault.kind = possible[random_() % possible.size()];
   fault.pause = between(std::min(kMinPause, max_pause_), max_pause_);

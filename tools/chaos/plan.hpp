@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <random>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -33,11 +34,17 @@ struct Fault {
 /// Whether this kind of fault is possible for a program: only programs that something starts again are killed.
 [[nodiscard]] bool applies(FaultKind kind, const Program& program);
 
+/// Thrown if no program can have a fault of the plan.
+class NoPossibleFault : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
 class Plan {
  public:
   /// `kinds` must not be empty. `max_pause`: s.
   Plan(std::uint64_t seed, std::vector<FaultKind> kinds, double max_pause);
-  /// Chooses the next fault among those that are possible for `programs`. Throws std::runtime_error if there is none.
+  /// Chooses the next fault among those that are possible for `programs`. Throws NoPossibleFault.
   [[nodiscard]] Fault next(const std::vector<Program>& programs);
 
  private:

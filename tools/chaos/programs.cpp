@@ -189,7 +189,7 @@ class Command {
   Command(const Command&) = delete;
   Command& operator=(const Command&) = delete;
 
-  /// Starts the program. Throws std::system_error.
+  /// Starts the program. Throws NotRestarted.
   void start() {
     std::vector<char*> argv, envp;
     for (std::string& argument : arguments_) argv.push_back(argument.data());
@@ -197,10 +197,14 @@ class Command {
     argv.push_back(nullptr);
     envp.push_back(nullptr);
     std::array<int, 2> report{};  // the new process writes an errno; the start of the program closes it
-    if (::pipe2(report.data(), O_CLOEXEC) != 0) throw std::system_error{errno, std::generic_category(), "pipe"};
+    if (::pipe2(report.data(), O_CLOEXEC) != 0) throw not_restarted(errno);
     const pid_t child = ::_Fork();
     // A second fork: the program is then no child of this process, which need not wait for it.
-    if (child == 0) ::_exit(::_Fork() == 0 ? become_program(argv.data(), envp.data(), report[1]) : 0);
+    if (child == 0) {
+      const pid_t successor = ::_Fork();
+      if (successor < 0) write_errno(report[1]);
+      ::_exit(successor == 0 ? become_program(argv.data(), envp.data(), report[1]) : 0);
+    }
     const int fork_error = errno;
     ::close(report[1]);
     if (child > 0) ::waitpid(child, nullptr, 0);
@@ -209,10 +213,18 @@ class Command {
     while ((size = ::read(report[0], &error, sizeof error)) < 0 && errno == EINTR) {
     }
     ::close(report[0]);
-    if (error != 0) throw std::system_error{error, std::generic_category(), "cannot start " + program_ + " again"};
+    if (error != 0) throw not_restarted(error);
   }
 
  private:
+  [[nodiscard]] NotRestarted not_restarted(int error) const {
+    return NotRestarted{"cannot start " + program_ + " again: " + std::strerror(error)};
+  }
+  /// Async-signal-safe.
+  static void write_errno(int report) noexcept {
+    const int error = errno;
+    (void)!::write(report, &error, sizeof error);
+  }
   /// Only async-signal-safe calls, because other threads may hold locks. Returns only after a failure, a status.
   int become_program(char** argv, char** envp, int report) const noexcept {
     ::setsid();
@@ -231,8 +243,7 @@ class Command {
       report = kReport;
       ::execve(program_.c_str(), argv, envp);
     }
-    const int error = errno;
-    (void)!::write(report, &error, sizeof error);
+    write_errno(report);
     return 127;
   }
 
@@ -365,7 +376,7 @@ void kill_and_restart(const Program& program) {
   // The name, the ports and the devices of the killed program must be free before its successor starts.
   const bool has_ended = process.wait_for_end(kMaxEnd);
   for (const ProcessDescriptor& child : children) (void)child.wait_for_end(kMaxEnd);
-  if (!has_ended) throw std::runtime_error{program.label + " was killed, but has not ended"};
+  if (!has_ended) throw NotRestarted{program.label + " was killed, but has not ended"};
   if (command) command->start();
 }
 

@@ -54,6 +54,12 @@ class ProgramEnded : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
+/// Thrown if a program was killed for a fault, but does not run again.
+class NotRestarted : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
 /// Suspends a program until `resume` or the destructor. A child process resumes it after `seconds` even if this process
 /// is killed.
 class Suspension {
@@ -73,7 +79,7 @@ class Suspension {
 };
 
 /// Kills a program, and starts it again if its `restart` is kChaos. The new process outlives this one.
-/// Throws ProgramEnded, and std::runtime_error if the program cannot be killed or started.
+/// Throws ProgramEnded, NotRestarted, and another std::runtime_error if the program cannot be killed.
 void kill_and_restart(const Program& program);
 
 }  // namespace tactus::chaos
