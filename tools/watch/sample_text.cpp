@@ -25,8 +25,8 @@ bool contains(const std::array<std::string_view, Count>& all, const std::string&
   return std::find(all.begin(), all.end(), name) != all.end();
 }
 
-/// Returns JSON without control characters. JSON itself escapes only those below U+0020, but a terminal also obeys U+007F
-/// to U+009F.
+/// Returns JSON without control characters. JSON itself escapes only those below U+0020, but a terminal also obeys
+/// U+007F to U+009F.
 std::string dump(const Fields& value) {
   const std::string json = value.dump(-1, ' ', false, Fields::error_handler_t::replace);
   std::string escaped;
