@@ -133,8 +133,8 @@ class Run {
         apply(fault);
       }
     } catch (const NoPossibleFault& error) {
-      if (recoveries_.empty() || realtime::stop_signal())
-        throw;  // nothing has happened, or Ctrl-C has ended all programs
+      // Without a fault so far, the input is wrong. Ctrl-C may also have ended all programs of the session.
+      if (recoveries_.empty() || realtime::stop_signal()) throw;
       ++unrecovered_;
       std::printf("NOT RECOVERED: %s\n", session::printable(error.what()).c_str());
     } catch (const NotRestarted& error) {
