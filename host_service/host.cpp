@@ -12,7 +12,7 @@
 #include "host_service/model_store.hpp"
 #include "realtime/realtime.hpp"
 #include "realtime/service_manager.hpp"
-#include "session/check.hpp"
+#include "session/printable.hpp"
 #include "wire/endpoints.hpp"
 #include "wire/inbox.hpp"
 

@@ -252,13 +252,16 @@ std::string joined(const std::vector<std::string>& names) {
   return all.empty() ? "none" : all;
 }
 
-/// Repeats a stop or a reset until all hosts and HRTCs have acknowledged it. Returns their names.
+/// Repeats a stop or a reset until all hosts and HRTCs have acknowledged it, also those that fall silent meanwhile.
+/// Returns their names.
 template <class Sample>
 std::vector<std::string> deliver(SessionClient& client, Sample sample, double timeout) {
+  session::Recipients recipients;
   session::Acknowledgement answer;
   const auto is_done = [&] {
     client.publish(sample);
-    answer = client.acknowledgement(sample);
+    client.update(recipients);
+    answer = recipients.acknowledgement(sample);
     return answer.missing.empty() && !answer.hrtcs.empty() && client.has_discovered();
   };
   if (!poll(timeout, is_done))
@@ -287,9 +290,11 @@ std::vector<std::string> reset_forces(const ScriptSession& self, const std::stri
     names = deliver(*client, reset, timeout);
   } while (!left.empty());
   std::string still;  // issued after the stops were read
-  for (const auto& [name, member] : client->members())
+  for (const auto& [name, member] : client->members()) {
+    if (!session::lists_stops(member.entry)) continue;
     if (const std::size_t count = session::standing_stops(member.entry.stops).size(); count > 0)
       still += (still.empty() ? "" : ", ") + name + ": " + std::to_string(count);
+  }
   if (!still.empty())
     throw std::runtime_error("stops that this reset did not name are still in force; number of them at each program: " +
                              still);

@@ -92,7 +92,7 @@ void SessionClient::run() try {
       on_events(roster_.tick(now_ns));
       if (found_ns_ == 0) {
         roster_.for_each([&](const session::RosterEntry& entry) {
-          if (entry.role == session::Role::kHost || entry.role == session::Role::kHrtc) found_ns_ = now_ns;
+          if (session::lists_stops(entry)) found_ns_ = now_ns;
         });
       }
       session::update_session_clock(roster_, participants_.origin(), session::Role::kClient, false, now_ns, clock_);

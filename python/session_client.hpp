@@ -82,11 +82,10 @@ class SessionClient {
   void publish(session::SessionEnd& end);
   /// The number of a new stop or reset of this participant.
   [[nodiscard]] std::uint32_t new_number() { return ++numbers_; }
-  /// Hosts and HRTCs, by whether they have acknowledged a stop or a reset.
-  template <class Sample>
-  [[nodiscard]] session::Acknowledgement acknowledgement(const Sample& sample) const {
+  /// Records the hosts and HRTCs that are present.
+  void update(session::Recipients& recipients) const {
     const std::lock_guard lock{mutex_};
-    return session::acknowledgement(roster_, sample);
+    recipients.update(roster_);
   }
   /// The stops that stand at a host or HRTC.
   [[nodiscard]] std::vector<session::StopName> standing_stops() const;

@@ -24,7 +24,7 @@ constexpr double kUnitTolerance = 1e-3;
 /// The begin of a text from the network, without control characters.
 std::string printable_begin(std::string text) {
   text.resize(std::min(text.size(), session::kMaxName));
-  return session::printable(std::move(text));
+  return session::printable(text);
 }
 
 /// True for names that a page may choose too.

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstdint>
 
+#include "session/printable.hpp"
+
 namespace tactus::session {
 namespace {
 
@@ -65,15 +67,6 @@ bool ascending(const std::vector<spm::Interval>& intervals) noexcept {
 }
 
 }  // namespace
-
-bool has_control_character(std::string_view text) noexcept {
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    const auto byte = static_cast<unsigned char>(text[i]);
-    const int next = i + 1 < text.size() ? static_cast<unsigned char>(text[i + 1]) : 0;
-    if (byte < 0x20 || byte == 0x7f || (byte == 0xc2 && next >= 0x80 && next <= 0x9f)) return true;
-  }
-  return false;
-}
 
 const char* invalid_field(const Pose& pose) noexcept {
   if (!all_moderate(pose.position)) return "pose.position: expected at most 1e9";

@@ -2,8 +2,6 @@
 /// and ids that match their names. Uses no DDS.
 #pragma once
 
-#include <string_view>
-
 #include "session/messages.hpp"
 
 namespace tactus::session {
@@ -31,10 +29,6 @@ namespace tactus::session {
 [[nodiscard]] const char* invalid_field(const ObjectGrant& sample) noexcept;
 [[nodiscard]] const char* invalid_field(const ObjectCopy& sample) noexcept;
 [[nodiscard]] const char* invalid_field(const ClockSample& sample) noexcept;
-
-/// Whether a text in UTF-8 has a control character: U+0000 to U+001F, and U+007F to U+009F. Names have none. The texts of
-/// stops, resets and ends may have some, because these samples must take effect with any text.
-[[nodiscard]] bool has_control_character(std::string_view text) noexcept;
 
 // Parts of samples.
 [[nodiscard]] const char* invalid_field(const Pose& pose) noexcept;

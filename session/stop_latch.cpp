@@ -212,7 +212,9 @@ bool acknowledges(const RosterEntry& entry, const ForceReset& reset) {
 void Recipients::update(const Roster& roster) {
   std::erase_if(entries_, [&](const auto& known) { return roster.has_left(known.first); });
   roster.for_each([&](const RosterEntry& entry) {
-    if (lists_stops(entry)) entries_.insert_or_assign(entry.origin.participant, entry);
+    const std::uint64_t participant = entry.origin.participant;
+    if (lists_stops(entry) && (entries_.size() < kMaxEntries || entries_.count(participant) != 0))
+      entries_.insert_or_assign(participant, entry);
   });
 }
 

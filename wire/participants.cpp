@@ -14,7 +14,7 @@
 #include <utility>
 
 #include "keys/documents.hpp"
-#include "session/check.hpp"
+#include "session/printable.hpp"
 #include "wire/dds.hpp"
 #include "wire/discovery.hpp"
 #include "wire/footprint.hpp"

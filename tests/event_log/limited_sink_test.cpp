@@ -60,7 +60,7 @@ TEST_F(LimitedSinkTest, AClockThatIsSetBackBeginsAWindow) {
 
 TEST_F(LimitedSinkTest, ATextOfAnotherProgramNeitherBeginsALineNorCommandsTheTerminal) {
   write(0s, "emergency stop: x\n12:00:00.000 tactus-hrtc info forces are reset\x1b]52;c;eA==\x07\xc2\x9b");
-  EXPECT_EQ(out_.str(), "warning emergency stop: x?12:00:00.000 tactus-hrtc info forces are reset?]52;c;eA==?\xc2?\n");
+  EXPECT_EQ(out_.str(), "warning emergency stop: x?12:00:00.000 tactus-hrtc info forces are reset?]52;c;eA==??\n");
 }
 
 }  // namespace

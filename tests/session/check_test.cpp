@@ -5,6 +5,8 @@
 #include <limits>
 #include <string>
 
+#include "session/printable.hpp"
+
 namespace tactus::session {
 namespace {
 

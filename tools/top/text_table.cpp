@@ -25,7 +25,7 @@ std::string first_characters(const std::string& text, std::size_t count) {
 }  // namespace
 
 std::vector<Line> table(const std::vector<Row>& rows, const std::string& alignment) {
-  // A printable cell can be wider than the cell itself, so the widths are those of the printable cells.
+  // The widths are those of the printable cells, which differ from those of the cells.
   std::vector<std::vector<std::string>> cells;
   std::vector<std::size_t> widths(alignment.size(), 0);
   for (const Row& row : rows) {
