@@ -15,7 +15,8 @@
 
 namespace tactus::bench {
 
-/// Some cycles of the recording: those that begin in this time, monotonic ns.
+/// Some cycles of the recording: those that begin in this time, monotonic ns. The interval before the first of them
+/// belongs to the window too, because it contains the begin of the window.
 struct Window {
   std::int64_t begin_ns, end_ns;
 };
@@ -50,18 +51,19 @@ inline Cycles read_cycles(const std::string& file) {
 struct CycleFigures {
   Samples intervals_ms;      // between two cycles
   std::uint64_t late = 0;    // intervals above 1.5 periods of 1 ms
-  double force_change = 0;   // N, largest difference to the force at the begin of a window
+  double force_change = 0;   // N, largest difference to the force in the last cycle before a window
   double min_force = 1e300;  // N
 
   void add(const Cycles& cycles, const Window& window) {
     const auto begin = std::lower_bound(cycles.times_ns.begin(), cycles.times_ns.end(), window.begin_ns);
     const auto first = static_cast<std::size_t>(begin - cycles.times_ns.begin());
-    for (std::size_t i = first + 1; i < cycles.times_ns.size() && cycles.times_ns[i] < window.end_ns; ++i) {
+    const std::size_t before = first > 0 ? first - 1 : first;
+    for (std::size_t i = before + 1; i < cycles.times_ns.size() && cycles.times_ns[i] < window.end_ns; ++i) {
       const auto interval = static_cast<double>(cycles.times_ns[i] - cycles.times_ns[i - 1]);
       intervals_ms.add(interval * 1e-6);
       late += interval > 1.5 * 1e6 ? 1 : 0;
       for (int user = 0; user < 2; ++user) {
-        force_change = std::max(force_change, std::abs(cycles.forces[i][user] - cycles.forces[first][user]));
+        force_change = std::max(force_change, std::abs(cycles.forces[i][user] - cycles.forces[before][user]));
         min_force = std::min(min_force, cycles.forces[i][user]);
       }
     }

@@ -3,6 +3,7 @@
 #include <limits>
 
 #include "bench/cycle_log.hpp"
+#include "bench/flight_cycles.hpp"
 #include "session/messages.hpp"
 #include "tests/support/temporary_folder.hpp"
 
@@ -104,6 +105,26 @@ TEST_F(ForceCheckerTest, CountsMissingCyclesAndTimesThatDoNotGrow) {
   EXPECT_EQ(checker_.cycles(), 4u);
   EXPECT_EQ(checker_.missing(), 3u);
   EXPECT_THAT(checker_.texts(), ElementsAre("cycle 11: its time is not after that of the cycle before"));
+}
+
+/// Cycles at 1, 2, 22 and 23 ms. The window begins between the second and the third.
+TEST(CycleFigures, ContainTheIntervalInWhichTheWindowBegins) {
+  const Cycles cycles{{1'000'000, 2'000'000, 22'000'000, 23'000'000}, {{1, 1}, {1, 1}, {0.4, 1}, {0.4, 1}}};
+  CycleFigures figures;
+  figures.add(cycles, {2'500'000, 30'000'000});
+  EXPECT_EQ(figures.late, 1u);
+  EXPECT_EQ(figures.intervals_ms.size(), 2u);
+  EXPECT_EQ(figures.intervals_ms.max(), 20);
+  EXPECT_NEAR(figures.force_change, 0.6, 1e-9);
+  EXPECT_EQ(figures.min_force, 0.4);
+}
+
+TEST(CycleFigures, HaveNoIntervalBeforeTheFirstCycleOfTheRecording) {
+  CycleFigures figures;
+  figures.add({{1'000'000, 2'000'000}, {{1, 1}, {1, 1}}}, {0, 30'000'000});
+  figures.add({}, {0, 30'000'000});
+  EXPECT_EQ(figures.intervals_ms.size(), 1u);
+  EXPECT_EQ(figures.late, 0u);
 }
 
 }  // namespace
