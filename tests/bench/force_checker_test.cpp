@@ -90,6 +90,16 @@ TEST_F(ForceCheckerTest, AForceIsZeroAfterAFaultAndWithoutNewPoses) {
                                             "cycle 5: the force of probe 0 acts on a pose that is too old"));
 }
 
+TEST_F(ForceCheckerTest, OnlyAFaultOrAnOldPoseMayEndAForceAtOnce) {
+  check({{1, 2}, {2, 0}});
+  check({{4, 2}, {5, 0, 0, 0.06}});
+  check({{7, 2}, {8, 0, session::kFault}});
+  check({{10, 2}, {11, 0, session::kStalePose, 0.03}});
+  check({{13, 0.5}, {14, 0}});
+  EXPECT_THAT(checker_.texts(), ElementsAre("cycle 2: the force of probe 0 changes faster than its slew limit",
+                                            "cycle 11: the force of probe 0 changes faster than its slew limit"));
+}
+
 TEST_F(ForceCheckerTest, ChecksCyclesOfOverlappingRecordingsOnce) {
   check({{1, 1}, {2, 2}, {3, 2}});
   check({{2, 2}, {3, 2}, {4, 3}});
