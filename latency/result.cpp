@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "session/clock.hpp"
 #include "session/percentile.hpp"
@@ -117,6 +118,15 @@ Result evaluate(const Timestamps& timestamps) {
     }
     if (last.sequence < arrival.sequence) last = {arrival.sequence, intended_ns, last.sampled_ns};
     jitters[arrival.reader].add(ping.sent_ns, arrival.received_ns);
+  }
+  // The age grows until the last ping is due, even if nothing arrives any more.
+  const std::int64_t end_ns = evaluated > 0 ? clock.at(timestamps.pings.back().intended_ns) : 0;
+  for (Newest& last : newest) {
+    const bool has_arrival = last.sequence >= 0;
+    if (!has_arrival && evaluated > 0) last.sampled_ns = clock.at(timestamps.pings[first].intended_ns);
+    for (; evaluated > 0 && last.sampled_ns <= end_ns; last.sampled_ns += kSamplePeriodNs)
+      information_age.push_back(has_arrival ? static_cast<double>(last.sampled_ns - last.intended_ns) * 1e-3
+                                            : std::numeric_limits<double>::infinity());
   }
   result.age = summarise(age);
   result.age_of_information = summarise(information_age);

@@ -22,7 +22,9 @@ struct Result {
   Summary half_round_trip;        ///< half of the time from a ping's intended time to its echo's arrival; all readers
   Summary half_round_trip_sent;   ///< half of the time from the send call: excludes late wake-ups and blocking
   Summary age;                    ///< time from a ping's intended time to its arrival; all readers
-  Summary age_of_information;     ///< age of the newest ping at a reader, sampled every 97 us; losses increase it
+  /// Age of the newest ping at a reader, sampled every 97 us from the first arrival until the last ping is due. Losses
+  /// increase it. Infinite at a reader without an arrival.
+  Summary age_of_information;
   double clock_bound_us = 0;      ///< error bound of `age`; 0: both sides read one clock
   Summary timer;                  ///< lateness of the pinger's wake-ups
   double jitter_us = 0;           ///< maximum over the readers; RFC 3550

@@ -105,6 +105,16 @@ TEST(AResult, HasAnAgeOfInformationThatGrowsWithEveryLostPing) {
   EXPECT_NEAR(evaluate(timestamps).age_of_information.max, 10'050, 100);
 }
 
+TEST(AResult, HasAnAgeOfInformationThatGrowsUntilTheEndIfNothingArrives) {
+  Timestamps timestamps = constant_times(20, 50 * kUs, 50 * kUs);
+  timestamps.arrivals.resize(timestamps.arrivals.size() / 2);
+  const Result half = evaluate(timestamps);
+  EXPECT_NEAR(half.age_of_information.max, 10'000'000, 1100) << "nothing arrives in the last 10 s";
+  EXPECT_GT(half.age_of_information.p90, 7'000'000);
+  timestamps.arrivals.clear();
+  EXPECT_TRUE(std::isinf(evaluate(timestamps).age_of_information.p50));
+}
+
 TEST(AResult, IgnoresSequenceAndReaderNumbersThatWereNeverSent) {
   Timestamps timestamps = constant_times(2, 20 * kUs, 20 * kUs);
   timestamps.arrivals.push_back({999'999, 0, 5});
