@@ -13,7 +13,8 @@ namespace tactus::bench {
 /// error has the bound 1 JND. The movement takes `seconds`.
 void add_coded_loss(Report& report, double percent, double seconds, std::uint64_t seed);
 
-/// Adds rows for a link of `mbit` Mbit/s that mesh records fill. The p99 of the age has the bound `bound_ms`.
+/// Adds rows for a link of `mbit` Mbit/s that mesh records fill. The p99 of the age has the bound `bound_ms`. The
+/// mesh records have to use 40 % of the link.
 void add_coded_isolation(Report& report, double mbit, double seconds, double bound_ms);
 
 }  // namespace tactus::bench

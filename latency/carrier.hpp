@@ -62,7 +62,8 @@ class LoadSource {
 class LoadSink {
  public:
   virtual ~LoadSink() = default;
-  /// Payload received between the first and the last arrival, divided by that time; 0 with fewer than two arrivals.
+  /// Payload received after the first arrival, divided by the time from the first to the last arrival, or by the
+  /// duration of the test if that is longer.
   [[nodiscard]] virtual double bytes_per_s() = 0;
 };
 
@@ -72,9 +73,9 @@ class LoadSink {
 /// LatencyError.
 [[nodiscard]] std::unique_ptr<Carrier> make_cyclone(Role role, int domain, int priority, OnPacket callback);
 /// Makes a load over Cyclone DDS: reliable chunks of one frame, as fast as the writer accepts them. Requires
-/// has_cyclone(). Throws LatencyError.
+/// has_cyclone(). `seconds`: duration of the test. Throws LatencyError.
 [[nodiscard]] std::unique_ptr<LoadSource> make_cyclone_load(int domain);
-[[nodiscard]] std::unique_ptr<LoadSink> make_cyclone_sink(int domain);
+[[nodiscard]] std::unique_ptr<LoadSink> make_cyclone_sink(int domain, double seconds);
 
 /// Makes a carrier over the DDS topic of `test`. Pings and echoes have different DDS partitions. `participants` must
 /// outlive the carrier. Throws WireError.

@@ -190,16 +190,13 @@ class CycloneLoad final : public LoadSource {
 
 class CycloneSink final : public LoadSink {
  public:
-  explicit CycloneSink(int domain) : domain_{domain, 0, false} {
+  CycloneSink(int domain, double seconds) : seconds_{seconds}, domain_{domain, 0, false} {
     const Qos qos{true};
     (void)domain_.reader(
         domain_.topic(kMesh, tactus_idl_BulkChunk_desc, qos), qos,
         [](dds_entity_t reader, void* self) { static_cast<CycloneSink*>(self)->receive(reader); }, this);
   }
-  [[nodiscard]] double bytes_per_s() override {
-    const std::int64_t passed = last_ns_ - first_ns_;
-    return passed > 0 ? static_cast<double>(bytes_) * 1e9 / static_cast<double>(passed) : 0;
-  }
+  [[nodiscard]] double bytes_per_s() override { return latency::bytes_per_s(bytes_, first_ns_, last_ns_, seconds_); }
 
  private:
   void receive(dds_entity_t reader) {
@@ -220,6 +217,7 @@ class CycloneSink final : public LoadSink {
     }
   }
 
+  const double seconds_;  // duration of the test
   std::atomic<std::uint64_t> bytes_{0};
   std::atomic<std::int64_t> first_ns_{0}, last_ns_{0};
   const Domain domain_;  // last: its threads use the other members
@@ -231,6 +229,8 @@ std::unique_ptr<Carrier> make_cyclone(Role role, int domain, int priority, OnPac
   return std::make_unique<CycloneCarrier>(role, domain, priority, std::move(callback));
 }
 std::unique_ptr<LoadSource> make_cyclone_load(int domain) { return std::make_unique<CycloneLoad>(domain); }
-std::unique_ptr<LoadSink> make_cyclone_sink(int domain) { return std::make_unique<CycloneSink>(domain); }
+std::unique_ptr<LoadSink> make_cyclone_sink(int domain, double seconds) {
+  return std::make_unique<CycloneSink>(domain, seconds);
+}
 
 }  // namespace tactus::latency

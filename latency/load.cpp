@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "latency/statistics.hpp"
 #include "realtime/realtime.hpp"
 #include "spm/codec/model_codec.hpp"
 #include "spm/offline/build.hpp"
@@ -124,7 +125,8 @@ void MeshSource::flood() {
 
 MeshSink::MeshSink(const TestCase& test, wire::SessionAddress address, std::size_t burst_bytes,
                    wire::Participants* shared)
-    : min_burst_{burst_bytes},
+    : seconds_{test.seconds},
+      min_burst_{burst_bytes},
       is_flood_{test.profile != Profile::kTactus},
       own_participants_{shared == nullptr ? join_session(load_test(test), named(std::move(address), kSinkName))
                                           : nullptr},
@@ -220,10 +222,7 @@ void MeshSink::request_next_regions(std::int64_t now_ns) {
   client_.set_wanted(object, std::move(all));
 }
 
-double MeshSink::bytes_per_s() {
-  const std::int64_t passed = last_ns_ - first_ns_;
-  return passed > 0 ? static_cast<double>(bytes_) * 1e9 / static_cast<double>(passed) : 0;
-}
+double MeshSink::bytes_per_s() { return latency::bytes_per_s(bytes_, first_ns_, last_ns_, seconds_); }
 
 std::vector<MeshSink::Burst> MeshSink::take_bursts() {
   const std::lock_guard lock{mutex_};

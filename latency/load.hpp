@@ -88,6 +88,7 @@ class MeshSink final : public LoadSink {
     return [this](T&& sample) { inbox_.put(std::move(sample)); };
   }
 
+  const double seconds_;         // duration of the test
   const std::size_t min_burst_;  // bytes
   const bool is_flood_;          // the source sends chunks without demands
   const std::unique_ptr<wire::Participants> own_participants_;

@@ -50,7 +50,7 @@ wire::SessionAddress address_of(const std::string& session, const std::string& p
 }  // namespace
 std::unique_ptr<Carrier> make_cyclone(Role, int, int, OnPacket) { throw LatencyError("built without Cyclone DDS"); }
 std::unique_ptr<LoadSource> make_cyclone_load(int) { throw LatencyError("built without Cyclone DDS"); }
-std::unique_ptr<LoadSink> make_cyclone_sink(int) { throw LatencyError("built without Cyclone DDS"); }
+std::unique_ptr<LoadSink> make_cyclone_sink(int, double) { throw LatencyError("built without Cyclone DDS"); }
 namespace {
 #endif
 
@@ -59,10 +59,10 @@ namespace {
 class CycloneLoad final : public LoadSource, public LoadSink {
  public:
   /// `end` is "source" or "sink".
-  CycloneLoad(const char* end, const SideSettings& side, const std::atomic<bool>& cancelled)
+  CycloneLoad(const char* end, double seconds, const SideSettings& side, const std::atomic<bool>& cancelled)
       : process_{"tactus-latency", {}, cancelled} {
     const int load_domain = side.domain + 1;  // the pings use side.domain
-    process_.control().send({{"version", kVersion}, {"load", end}, {"domain", load_domain}});
+    process_.control().send({{"version", kVersion}, {"load", end}, {"domain", load_domain}, {"seconds", seconds}});
   }
   [[nodiscard]] bool matched() const noexcept override { return matched_; }
   void wait_for_match() {
@@ -141,7 +141,7 @@ void serve_load(const nlohmann::ordered_json& requested, ControlConnection& cont
                 const std::atomic<bool>& cancelled) {
   const int domain = requested.at("domain").get<int>();
   if (requested.at("load").get<std::string>() == "sink") {
-    const std::unique_ptr<LoadSink> sink = make_cyclone_sink(domain);
+    const std::unique_ptr<LoadSink> sink = make_cyclone_sink(domain, requested.at("seconds").get<double>());
     if (!control.wait()) return;
     (void)control.receive(kAnswerTimeout);
     control.send({{"bytes_per_s", sink->bytes_per_s()}});
@@ -178,7 +178,7 @@ void serve_test(const nlohmann::ordered_json& requested, ControlConnection& cont
   std::unique_ptr<LoadSink> sink;
   wire::Participants* const shared = test.profile == Profile::kShared ? echoers.front()->participants() : nullptr;
   if (test.load_mbit != 0 && test.transport == Transport::kCyclone)
-    sink = std::make_unique<CycloneLoad>("sink", side, cancelled);
+    sink = std::make_unique<CycloneLoad>("sink", test.seconds, side, cancelled);
   else if (test.load_mbit != 0)
     sink = std::make_unique<MeshSink>(test, address_of(session, "sink", side), 0, shared);
   control.send({{"ports", ports}, {"clock", clock_identity()}, {"realtime", realtime || side.priority == 0}});
@@ -210,7 +210,7 @@ std::unique_ptr<LoadSource> make_load(const TestCase& test, const std::string& s
   if (test.load_mbit == 0) return nullptr;
   if (test.transport != Transport::kCyclone)
     return std::make_unique<MeshSource>(test, address_of(session, "load", side), shared);
-  auto source = std::make_unique<CycloneLoad>("source", side, cancelled);
+  auto source = std::make_unique<CycloneLoad>("source", test.seconds, side, cancelled);
   source->wait_for_match();
   return source;
 }

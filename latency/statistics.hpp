@@ -1,6 +1,7 @@
 /// Statistics of times and sequence numbers.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -17,6 +18,14 @@ struct Summary {
 };
 /// Sorts `values`. O(n log n).
 [[nodiscard]] Summary summarise(std::vector<double>& values);
+
+/// Payload rate of a load of `seconds`. `bytes`: received after the first arrival. A load that stalls before its end has
+/// a lower rate.
+[[nodiscard]] inline double bytes_per_s(std::uint64_t bytes, std::int64_t first_ns, std::int64_t last_ns,
+                                        double seconds) noexcept {
+  const double passed = std::max(static_cast<double>(last_ns - first_ns) * 1e-9, seconds);
+  return passed > 0 ? static_cast<double>(bytes) / passed : 0;
+}
 
 /// Counts lost, duplicate and reordered samples by their sequence numbers.
 ///

@@ -26,6 +26,14 @@ TEST(ASummary, HasTheKnownPercentilesAndIsNotANumberWithoutValues) {
   EXPECT_TRUE(std::isnan(summarise(none).p99));
 }
 
+TEST(ALoad, HasALowRateIfItStalls) {
+  constexpr std::int64_t kSecond = 1'000'000'000;
+  EXPECT_DOUBLE_EQ(bytes_per_s(1000, 3 * kSecond, 8 * kSecond, 5), 200);
+  EXPECT_DOUBLE_EQ(bytes_per_s(100, 3 * kSecond, 3 * kSecond + kSecond / 2, 5), 20) << "stalls after half a second";
+  EXPECT_DOUBLE_EQ(bytes_per_s(1200, 3 * kSecond, 9 * kSecond, 5), 200) << "the load ends after the test";
+  EXPECT_EQ(bytes_per_s(0, 0, 0, 5), 0) << "no arrival";
+}
+
 TEST(ATally, AgreesWithASetOfSequenceNumbers) {
   std::mt19937 random{kStatisticsSeed};
   for (int round = 0; round < 50; ++round) {
