@@ -15,6 +15,9 @@
 namespace tactus::bench {
 namespace {
 
+/// Age from which a burst counts as unfinished: the largest bound of the time of a burst.
+constexpr double kMaxBurstMs = 500;
+
 /// Number of IP fragments that the namespace of the constructing thread has received since its begin.
 struct ReceivedFragments {
   double count = kUnfinished;
@@ -69,6 +72,10 @@ RecordsRun run_records(const std::string& link, double seconds, std::size_t burs
     sizes.add(static_cast<double>(burst.bytes) * 1e-3);
   }
   run.burst_kb = sizes.mean();
+  if (sink->open_burst_ms() > kMaxBurstMs) {
+    run.burst_ms.add(kUnfinished);
+    ++run.unfinished;
+  }
   for (const netem::Side side : {netem::Side::kA, netem::Side::kB})
     run.fragments += make_in_namespace<ReceivedFragments>(pair, side)->count;
   return run;

@@ -12,6 +12,7 @@ namespace tactus::bench {
 
 struct RecordsRun {
   Samples burst_ms;              ///< time from the request of a burst of regions to the arrival of the last of them
+  std::size_t unfinished = 0;    ///< bursts that were not complete at the end and older than 0.5 s; kUnfinished above
   double burst_kb = 0;           ///< mean size of a burst
   double mbyte_per_s = 0;        ///< payload of complete messages received per second, MB/s
   double sent_per_received = 0;  ///< payload sent divided by payload of complete messages received
@@ -19,8 +20,8 @@ struct RecordsRun {
 };
 
 /// Requests regions over `link` (netem::parse_link) for `seconds`. Requests them in bursts of about `burst_bytes`, or
-/// continuously if `burst_bytes` is 0. The measurement starts after a fifth of `seconds`, in which the pacer adapts to
-/// the link. `seed`: of the emulated link. Ends early if `stop` becomes true. Needs root. Throws LinkError and
+/// continuously if `burst_bytes` is 0. A fifth of `seconds` precedes the measurement; in it the pacer adapts to the
+/// link. `seed`: of the emulated link. Ends early if `stop` becomes true. Needs root. Throws LinkError and
 /// WireError.
 [[nodiscard]] RecordsRun run_records(const std::string& link, double seconds, std::size_t burst_bytes,
                                      std::uint64_t seed, const std::atomic<bool>& stop);

@@ -15,6 +15,7 @@
 #include <utility>
 
 #include "latency/carrier.hpp"
+#include "latency/statistics.hpp"
 #include "realtime/process.hpp"
 
 namespace tactus::latency {

@@ -72,8 +72,10 @@ class MeshSink final : public LoadSink {
     double ms;  ///< from the request to the arrival of the last region
     std::size_t bytes;
   };
-  /// Returns the bursts since the last call.
+  /// Returns the complete bursts since the last call.
   [[nodiscard]] std::vector<Burst> take_bursts();
+  /// Returns the time since the request of the burst that is not complete; 0 if there is none.
+  [[nodiscard]] double open_burst_ms();
 
  private:
   using Sample = std::variant<session::CatalogueEntry, session::BulkChunk>;
@@ -103,6 +105,7 @@ class MeshSink final : public LoadSink {
   std::size_t burst_bytes_ = 0, burst_regions_ = 8;
   std::mutex mutex_;
   std::vector<Burst> bursts_;
+  std::int64_t open_since_ns_ = 0;  // request of the burst that is not complete; 0: none
   std::atomic<std::uint64_t> bytes_{0};
   std::atomic<std::int64_t> first_ns_{0}, last_ns_{0};
   std::atomic<bool> stop_{false};
