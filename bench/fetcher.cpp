@@ -86,4 +86,11 @@ void Fetcher::run(std::int64_t until_ns, Samples* times) {
   times_ = nullptr;
 }
 
+void Fetcher::add_unanswered(Samples& times) const {
+  if (times.empty())
+    times.add(kUnfinished);
+  else if (requested_)
+    times.add(static_cast<double>(realtime::monotonic_ns() - requested_ns_) / 1e6);
+}
+
 }  // namespace tactus::bench

@@ -26,6 +26,10 @@ class Fetcher {
   /// before it requests the next.
   void run(std::int64_t until_ns, Samples* times);
 
+  /// Adds to `times` the time in ms since the request that is not answered yet, or kUnfinished if `times` is empty.
+  /// Call it after the last `run` of a window, so that a request that is never answered counts.
+  void add_unanswered(Samples& times) const;
+
   /// Returns whether the base mesh has arrived.
   [[nodiscard]] bool ready() const noexcept { return ready_; }
 

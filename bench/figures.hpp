@@ -3,6 +3,7 @@
 /// `scripts/bench report` makes docs/benchmarks.md from the JSON files. Percentiles follow session/percentile.hpp.
 #pragma once
 
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <initializer_list>
@@ -19,6 +20,11 @@ using Samples = session::Samples<>;
 
 /// Sample for work that did not finish. It exceeds every upper bound.
 constexpr double kUnfinished = std::numeric_limits<double>::infinity();
+
+/// Returns a / b, or kUnfinished if the result is not a number or one of the two is not finite.
+[[nodiscard]] inline double ratio(double a, double b) noexcept {
+  return std::isfinite(a) && std::isfinite(b) && b != 0 ? a / b : kUnfinished;
+}
 
 /// The things from which a value was computed, such as cycles, runs or regions, and their number. For a single
 /// measurement, `name` is singular and `n` is 1.

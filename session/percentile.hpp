@@ -52,9 +52,11 @@ class Samples {
   [[nodiscard]] bool empty() const noexcept { return values_.empty(); }
   [[nodiscard]] std::size_t size() const noexcept { return values_.size(); }
   [[nodiscard]] const std::vector<Value>& values() const noexcept { return values_; }
-  /// Percentile of the stored samples; NaN without samples. O(size), allocates.
+  /// Percentile of the stored samples; NaN without samples or if one of them is NaN. O(size), allocates.
   [[nodiscard]] double percentile(double share) const {
-    if (values_.empty()) return std::numeric_limits<double>::quiet_NaN();
+    const auto is_nan = [](Value value) { return std::isnan(static_cast<double>(value)); };
+    if (values_.empty() || std::any_of(values_.begin(), values_.end(), is_nan))
+      return std::numeric_limits<double>::quiet_NaN();
     std::vector<Value> values = values_;
     const auto at = values.begin() + static_cast<std::ptrdiff_t>(percentile_index(values.size(), share));
     std::nth_element(values.begin(), at, values.end());

@@ -71,6 +71,26 @@ TEST(Report, CountsUnfinishedWorkAsLate) {
   EXPECT_EQ(exit_status(ratio), 1);
 }
 
+TEST(Report, FallsShortIfASampleIsNotANumber) {
+  for (const std::size_t at : {0, 1, 2}) {
+    Samples samples;
+    for (std::size_t i = 0; i < 3; ++i) samples.add(i == at ? std::nan("") : 1);
+    for (const double share : {0.0, 0.5, 1.0}) {
+      Report report{kSubject};
+      report.add_at_most("a", {"all", samples.size()}, "ms", samples.percentile(share), 2);
+      EXPECT_EQ(exit_status(report), 1) << "sample " << at << ", share " << share;
+    }
+  }
+}
+
+TEST(Figures, ARatioOfUnfinishedWorkIsUnfinished) {
+  EXPECT_EQ(ratio(3, 2), 1.5);
+  EXPECT_EQ(ratio(3, kUnfinished), kUnfinished) << "not zero, which would be below each upper bound";
+  EXPECT_EQ(ratio(kUnfinished, kUnfinished), kUnfinished);
+  EXPECT_EQ(ratio(std::nan(""), 2), kUnfinished);
+  EXPECT_EQ(ratio(3, 0), kUnfinished);
+}
+
 TEST(Report, RefusesAFileThatCannotBeWritten) {
   const Report report{kSubject};
   EXPECT_THROW(static_cast<void>(report.finish("test", "", "/nowhere/figures.json")), std::runtime_error);
