@@ -81,6 +81,7 @@ Report run(const Settings& settings) {
   report.set_virtual_time(true);
   double min_wall = 0, min_shared = 0, min_tank = 0;
   std::size_t wall_runs = 0, shared_runs = 0;
+  bool all_finite = true;
   const int seconds = settings.quick ? 5 : settings.seconds;
   report.add_note("                                          min energy, J          cycles in which");
   report.add_note("                                     without        with      force was withheld");
@@ -110,6 +111,7 @@ Report run(const Settings& settings) {
       min_shared = std::min(min_shared, with.port_lowest);
       min_tank = std::min(min_tank, with.tank_lowest);
       ++shared_runs;
+      all_finite = all_finite && with.finite;
       report.add_note(format_line("  object, %zu users, %3.0f ms      %12.2e %12.2e %14.2f %%", users, round_trip,
                                   without.port_lowest, with.port_lowest, with.withholding * 100));
     }
@@ -118,6 +120,9 @@ Report run(const Settings& settings) {
   report.add_at_least("min energy of the port of a hand on a shared object, 0 to 500 ms", {"runs", shared_runs}, "J",
                       min_shared, kMinPortEnergy);
   report.add_at_least("min energy of the tank of a copy, 0 to 500 ms", {"runs", shared_runs}, "J", min_tank, -1e-12);
+  // A run that diverges ends early, and its energies are those until then.
+  report.add_at_least("runs with finite results (1: all, 0: not all)", {"runs", shared_runs}, "", all_finite ? 1 : 0,
+                      1);
   return report;
 }
 
