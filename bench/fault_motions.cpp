@@ -3,6 +3,7 @@
 #include <array>
 #include <cstdio>
 #include <fstream>
+#include <set>
 
 #include "bench/fault_runs.hpp"
 #include "bench/fetcher.hpp"
@@ -99,6 +100,13 @@ void measure_repeated_frames(const FaultSettings& settings, Report& report) {
   wait_for_touch(session, "ann");
   wait_for_touch(session, "bob");
   const auto cpu_of_all = [&] { return cpu_seconds(moving.host()) + cpu_seconds(*near) + cpu_seconds(*far); };
+  const auto pids_of_all = [&] {
+    std::set<pid_t> all;
+    for (const Process* program : std::initializer_list<const Process*>{&moving.host(), near.get(), far.get()})
+      for (const pid_t pid : program->pids()) all.insert(pid);
+    return all;
+  };
+  const std::set<pid_t> pids_before = pids_of_all();
   LinkProfile repeating;
   repeating.repeat = 0.1;
   Samples once_percent, more_percent;  // of a core
@@ -118,6 +126,13 @@ void measure_repeated_frames(const FaultSettings& settings, Report& report) {
     once_percent.add(percent[0]);
     more_percent.add(percent[1] - percent[0]);
   }
+  // The time of a process that has ended is missing, so it would lower the difference.
+  const bool all_run = moving.host().running() && near->running() && far->running();
+  if (!all_run || pids_of_all() != pids_before)
+    throw std::runtime_error("a program has ended:\n" + moving.host().output() + near->output() + far->output());
+  session.forget_states();
+  wait_for_touch(session, "ann");
+  wait_for_touch(session, "bob");
   const netem::RelayFigures figures = session.pair().figures();
   const auto repeated = static_cast<double>(figures.a_to_b.repeated + figures.b_to_a.repeated);
   const Population windows{"pairs of windows of 4 s", once_percent.size()};
