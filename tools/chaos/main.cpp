@@ -40,8 +40,8 @@ Examples:
 Without --restart it kills gateways only, which HRTCs start again. The faults loss and cut need root and nft, and affect
 the packets that arrive at this machine, or at the network namespace of this program. Ctrl-C ends every fault. Users
 feel the faults: do not run it while a person holds a device.
-Exit status: 0 the session recovered from every fault without a violation, 1 it did not, 2 wrong input or no session,
-130 interrupted.)";
+Exit status: 0 the session recovered from every fault without a violation, 1 it did not, or there was no fault, 2 wrong
+input or no session, 130 interrupted.)";
 
 constexpr auto kPollPeriod = std::chrono::milliseconds{10};
 constexpr std::int64_t kSecond = 1'000'000'000;
@@ -134,7 +134,7 @@ class Run {
       }
     } catch (const NoPossibleFault& error) {
       // Without a fault so far, the input is wrong. Ctrl-C may also have ended all programs of the session.
-      if (recoveries_.empty() || realtime::stop_signal()) throw;
+      if ((recoveries_.empty() && unrecovered_ == 0) || realtime::stop_signal()) throw;
       ++unrecovered_;
       std::printf("NOT RECOVERED: %s\n", session::printable(error.what()).c_str());
     } catch (const NotRestarted& error) {
@@ -144,7 +144,8 @@ class Run {
       std::printf(": NOT RECOVERED: %s\n", session::printable(error.what()).c_str());
     }
     report();
-    return unrecovered_ == 0 && observer_.health().violations().empty() ? 0 : 1;
+    if (recoveries_.empty()) std::printf("no fault was caused, so the run shows nothing\n");
+    return !recoveries_.empty() && unrecovered_ == 0 && observer_.health().violations().empty() ? 0 : 1;
   }
 
  private:
@@ -235,13 +236,18 @@ class Run {
         kill_and_restart(*affected);
       }
     } catch (const ProgramEnded& ended) {
-      std::printf(": %s\n", session::printable(ended.what()).c_str());
-      return;
+      std::printf(": %s", session::printable(ended.what()).c_str());
+      std::fflush(stdout);
+      return wait_for_recovery(fault, monotonic_ns(), Cause::kOther);
     }
     wait_for_recovery(fault, monotonic_ns());
   }
 
-  void wait_for_recovery(const Fault& fault, std::int64_t end_ns) {
+  /// What the session recovers from: a fault of this program, or the end of a program by another cause, which is not
+  /// counted as a fault.
+  enum class Cause { kFault, kOther };
+
+  void wait_for_recovery(const Fault& fault, std::int64_t end_ns, Cause cause = Cause::kFault) {
     // The observer may not have noticed a fault that has just begun: a silent participant is late after 0.25 s.
     constexpr double kNoticeSeconds = 0.4;
     const std::int64_t limit_ns = end_ns + static_cast<std::int64_t>(options_.patience * 1e9);
@@ -258,8 +264,7 @@ class Run {
       if (monotonic_ns() > limit_ns) break;
     } while (!missing.empty() ||
              static_cast<double>(monotonic_ns() - std::max(back_ns, end_ns)) * 1e-9 < kNoticeSeconds);
-    Recovery& recovery = recoveries_[fault.kind];
-    ++recovery.faults;
+    if (cause == Cause::kFault) ++recoveries_[fault.kind].faults;
     if (!missing.empty()) {
       ++unrecovered_;
       std::printf(": NOT RECOVERED after %g s: %s\n", options_.patience, session::printable(missing.front()).c_str());
@@ -267,7 +272,7 @@ class Run {
     }
     constexpr double kLongSeconds = 1;
     const double seconds = static_cast<double>(back_ns - end_ns) * 1e-9;
-    recovery.seconds.add(seconds);
+    if (cause == Cause::kFault) recoveries_[fault.kind].seconds.add(seconds);
     std::printf(": complete %.2f s after its end%s\n", seconds,
                 seconds < kLongSeconds ? "" : ("; missing until then: " + session::printable(last_missing)).c_str());
   }
