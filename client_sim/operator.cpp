@@ -216,8 +216,7 @@ bool Operator::begin_action(const Action& action, const Objects& objects) {
     if (action.kind == ActionKind::kMove) {
       start_moving();
     } else {
-      stage_ = Stage::kRelease;
-      buttons_ = 0;
+      start_release();
     }
     return true;
   }

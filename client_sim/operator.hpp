@@ -123,6 +123,7 @@ class Operator {
   void grab();
   void start_moving();
   void move_object(const Action& action, double dt);
+  void start_release();
   void release();
   void end_hold();
   void leave_object();

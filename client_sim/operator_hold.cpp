@@ -131,6 +131,13 @@ void Operator::move_object(const Action& action, double dt) {
   if (stage_time_ >= travel_time + action.seconds) next_action();
 }
 
+void Operator::start_release() {
+  // A move counts the loss of its hold itself, and ends the hold. After a wait, the loss shows only here.
+  if (!is_holding_) ++tally_.grabs_lost;
+  stage_ = Stage::kRelease;
+  buttons_ = 0;
+}
+
 void Operator::release() {
   constexpr double kPatience = 1;  // s
   if (is_holding_ && stage_time_ < kPatience) return;

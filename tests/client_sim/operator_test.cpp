@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "haptics/device.hpp"
 #include "haptics/force.hpp"
 #include "haptics/simulated_device.hpp"
 #include "sharing/hand_path.hpp"
@@ -224,6 +225,39 @@ TEST(Operator, TiltsWhileItFollowsAndReturnsUprightWithoutAStep) {
   EXPECT_LT(max_step, 0.1);
   EXPECT_LT(max_ahead, 0.4);
   EXPECT_LT(final_tilt, 0.05);
+}
+
+TEST(Operator, CountsAHoldThatIsLostWhileItWaits) {
+  for (const bool loses : {false, true}) {
+    SCOPED_TRACE(loses);
+    Operator ann{user_with("      - grab: {object: body}\n      - wait: {seconds: 1}\n      - release: {}\n"), {}};
+    ObjectView view;
+    view.half_size = {0.1, 0.1, 0.1};
+    session::ProbeState state;
+    state.user_id = session::id_of("ann");
+    int held_ticks = 0;
+    for (std::int64_t now = 1'000'000'000; now < 20'000'000'000 && !ann.done(); now += 10'000'000) {
+      const auto intent = ann.tick(now, {{"body", view}});
+      if (!intent) continue;
+      // The surface is a table at a height of 0.1 m.
+      const auto& target = intent->path[0].pose.position;
+      state.session_time_ns = now;
+      state.device.position = target;
+      const double depth = 0.1 - target[2];
+      state.proxy = {target[0], target[1], std::max(target[2], 0.1)};
+      state.force = {0, 0, std::max(0.0, 250 * depth)};
+      state.status = depth > 0 ? session::kInContact : 0u;
+      const bool holds = (intent->buttons & haptics::kGrabButton) != 0 && !(loses && held_ticks > 50);
+      if (holds) {
+        ++held_ticks;
+        state.status |= session::kHolding;
+      }
+      ann.on_probe_state(state);
+    }
+    EXPECT_TRUE(ann.done());
+    EXPECT_EQ(ann.tally().grabs, 1u);
+    EXPECT_EQ(ann.tally().grabs_lost, loses ? 1u : 0u);
+  }
 }
 
 TEST(Operator, SendsIntentsAt100HzWithLookahead) {
