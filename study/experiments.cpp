@@ -41,16 +41,16 @@ ScenarioRun carry_together(Method method, const netem::LinkSettings& link, std::
   const CarryResult carried = carry(world, kSeconds);
   const MassResult mass = apparent_mass(world, kFrequency);
   const double none = std::numeric_limits<double>::quiet_NaN();
-  const auto if_finite = [&](double value) { return carried.finite ? value : none; };
+  const auto if_settled = [&](double value) { return carried.settles ? value : none; };
   // The mass is meaningless if the copy diverges or hardly moves.
   const double ratio = mass.mass / world.mass;
-  const bool has_mass = std::isfinite(ratio) && std::abs(ratio) > 1e-3 && std::abs(ratio) < 100;
-  return {{{"diverged runs", "%", carried.finite ? 0.0 : 100.0},
-           {"time to settle", "s", if_finite(carried.settling_time)},
-           {"distance of copies 1 s later", "mm", if_finite(carried.end_copy_distance * 1e3)},
-           {"largest distance of copies", "mm", if_finite(carried.max_copy_distance * 1e3)},
-           {"injected energy", "mJ a minute", if_finite(carried.injected * 1e3 * 60 / kSeconds)},
-           {"peak force", "N", if_finite(carried.peak_force)},
+  const bool has_mass = carried.settles && std::isfinite(ratio) && std::abs(ratio) > 1e-3 && std::abs(ratio) < 100;
+  return {{{"diverged runs", "%", carried.settles ? 0.0 : 100.0},
+           {"time to settle", "s", if_settled(carried.settling_time)},
+           {"distance of copies 1 s later", "mm", if_settled(carried.end_copy_distance * 1e3)},
+           {"largest distance of copies", "mm", if_settled(carried.max_copy_distance * 1e3)},
+           {"injected energy", "mJ a minute", if_settled(carried.injected * 1e3 * 60 / kSeconds)},
+           {"peak force", "N", if_settled(carried.peak_force)},
            {"apparent mass / mass", "", has_mass ? ratio : none},
            {"apparent damping", "N s/m", has_mass ? mass.damping : none}},
           {}};

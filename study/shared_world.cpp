@@ -350,6 +350,8 @@ CarryResult carry(const WorldSettings& settings, double seconds) {
   const Surroundings surroundings;
   const int cycles = static_cast<int>(seconds / kCycle);
   const double rest = kMotionEnd + 0.2;  // the hands lag behind by at most 0.2 s
+  constexpr double kRestSpeed = 1e-3;    // m/s
+  constexpr double kRestTime = 1;        // s at the end of the run, without a faster motion if the run comes to rest
   for (int cycle = 0; cycle < cycles; ++cycle) {
     const double time = cycle * kCycle;
     for (std::size_t i = 0; i < settings.users; ++i) {
@@ -386,8 +388,12 @@ CarryResult carry(const WorldSettings& settings, double seconds) {
     if (!result.finite) break;
     result.max_copy_distance = std::max(result.max_copy_distance, apart);
     if (time <= rest + 1) result.end_copy_distance = apart;
-    if (time > rest && fastest > 1e-3) result.settling_time = time - rest;
+    if (time > rest && fastest > kRestSpeed) {
+      result.settling_time = time - rest;
+      if (time >= seconds - kRestTime) result.settles = false;
+    }
   }
+  result.settles = result.settles && result.finite;
   result.limited_share =
       static_cast<double>(world.limited_cycles()) / static_cast<double>(cycles) / static_cast<double>(settings.users);
   for (std::size_t i = 0; i < settings.users; ++i) {

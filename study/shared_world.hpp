@@ -46,6 +46,7 @@ struct CarryResult {
   double tank_lowest = 0;    ///< minimum energy over all copies' energy tanks, J
   double withholding = 0;    ///< share of cycles in which a passivity controller reduced a force
   bool finite = true;        ///< false: the run diverged and ended early
+  bool settles = true;       ///< finite, and no point of a copy is faster than 1 mm/s in the last second of the run
 };
 /// Runs users who grab the object and carry it along a path. Their hands stop at 6 s; the run ends at `seconds`.
 [[nodiscard]] CarryResult carry(const WorldSettings& settings, double seconds);

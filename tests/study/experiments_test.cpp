@@ -117,5 +117,17 @@ TEST_F(StudyExperiments, DivergedRunsAreCountedAndHaveNoFigures) {
   EXPECT_LT(value_of(channel.figures, "distance of copies 1 s later"), 5);
 }
 
+TEST_F(StudyExperiments, RunsThatNeverComeToRestCountAsDivergedAndHaveNoFigures) {
+  // The positions stay finite over the first two links, and diverge over the third.
+  for (const auto& [name, link] :
+       {std::pair{"carry, naive", "P7"}, std::pair{"carry, naive", "P8"}, std::pair{"carry, server", "P6"}}) {
+    SCOPED_TRACE(std::string{name} + " " + link);
+    const ScenarioRun result = run(name, link);
+    EXPECT_EQ(value_of(result.figures, "diverged runs"), 100);
+    for (const Figure& figure : result.figures)
+      EXPECT_TRUE(figure.name == "diverged runs" || std::isnan(figure.value)) << figure.name;
+  }
+}
+
 }  // namespace
 }  // namespace tactus::study
