@@ -59,6 +59,8 @@ class Operator {
   [[nodiscard]] std::size_t unfinished_action() const noexcept {
     return is_done_ || user_.repeats_script ? 0 : action_ + 1;
   }
+  /// Index of the action at which the script is; after its end, that of the last action.
+  [[nodiscard]] std::size_t action() const noexcept { return is_done_ ? user_.script.size() - 1 : action_; }
   [[nodiscard]] const OperatorTally& tally() const noexcept { return tally_; }
   [[nodiscard]] const User& user() const noexcept { return user_; }
   /// Number of other users whose newest state is stored.

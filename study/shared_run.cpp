@@ -71,38 +71,55 @@ const client_sim::Action& action_of(const client_sim::User& user, ActionKind kin
 ScenarioRun press_to_target(const Scenario& scenario, const Subject& subject, const netem::LinkSettings& link,
                             std::uint64_t seed, const std::atomic<bool>& cancelled) {
   constexpr std::size_t kSettlingMs = 1000, kMinOnTargetMs = 200;
-  const double target = action_of(scenario.users.front(), ActionKind::kHold).force;
-  const double seconds = action_of(scenario.users.front(), ActionKind::kHold).seconds;
+  struct Press {
+    double target;              // N
+    std::size_t hold;           // index of the action
+    std::vector<double> force;  // N, of each millisecond
+  };
+  std::vector<Press> presses;
+  double shortest = std::numeric_limits<double>::infinity();  // s
+  for (const client_sim::User& user : scenario.users) {
+    const client_sim::Action& hold = action_of(user, ActionKind::kHold);
+    presses.push_back({hold.force, static_cast<std::size_t>(&hold - user.script.data()), {}});
+    shortest = std::min(shortest, hold.seconds);
+  }
   SharedSession session{subject, settings_of(link, seed)};
   add_users(session, client_sim::varied(scenario, seed));
-  std::vector<std::vector<double>> forces(scenario.users.size());
-  for (double time = 0; time < scenario.duration; time += kCycle) {
+  std::vector<bool> was_holding(presses.size());
+  std::size_t released = std::numeric_limits<std::size_t>::max(), end = 0;  // ms
+  for (double time = 0; time < scenario.duration; time += kCycle, ++end) {
     if (cancelled) return {};
     session.step();
-    for (std::size_t user = 0; user < forces.size(); ++user) forces[user].push_back(force_on(session, user));
+    for (std::size_t user = 0; user < presses.size(); ++user) {
+      presses[user].force.push_back(force_on(session, user));
+      const bool is_holding = session.operator_of(user).action() == presses[user].hold;
+      if (was_holding[user] && !is_holding) released = std::min(released, end);
+      was_holding[user] = is_holding;
+    }
   }
 
-  const std::size_t end = forces.front().size();
   const auto all = [&](std::size_t ms, auto&& holds) {
-    return std::all_of(forces.begin(), forces.end(), [&](const std::vector<double>& user) { return holds(user[ms]); });
+    return std::all_of(presses.begin(), presses.end(),
+                       [&](const Press& press) { return holds(press.force[ms], press.target); });
+  };
+  const auto is_on_target = [&](double force, double target) {
+    return std::abs(force - target) <= scenario.force_tolerance;
   };
   std::size_t begin = 0;
-  while (begin < end && !all(begin, [](double force) { return force >= kMinForce; })) ++begin;
+  while (begin < end && !all(begin, [](double force, double) { return force >= kMinForce; })) ++begin;
   std::size_t reached = begin, ms_on_target = 0;
   for (; reached < end && ms_on_target < kMinOnTargetMs; ++reached)
-    ms_on_target = all(reached, [&](double force) { return std::abs(force - target) <= scenario.force_tolerance; })
-                       ? ms_on_target + 1
-                       : 0;
+    ms_on_target = all(reached, is_on_target) ? ms_on_target + 1 : 0;
   double squares = 0, max = kNone;
   std::size_t on_target = 0, lost = 0, evaluated = 0;
-  const std::size_t last = std::min(end, begin + static_cast<std::size_t>(seconds / kCycle));
+  const std::size_t last = std::min({end, released, begin + static_cast<std::size_t>(shortest / kCycle)});
   for (std::size_t ms = begin + kSettlingMs; ms < last; ++ms) {
-    for (const std::vector<double>& user : forces) {
-      const double off = std::abs(user[ms] - target);
+    for (const Press& press : presses) {
+      const double off = std::abs(press.force[ms] - press.target);
       squares += off * off;
       max = std::fmax(max, off);
       on_target += off <= scenario.force_tolerance ? 1 : 0;
-      lost += user[ms] < kMinForce ? 1 : 0;
+      lost += press.force[ms] < kMinForce ? 1 : 0;
       ++evaluated;
     }
   }
@@ -123,6 +140,7 @@ ScenarioRun press_to_target(const Scenario& scenario, const Subject& subject, co
 ScenarioRun lift_together(const Scenario& scenario, const Subject& subject, const netem::LinkSettings& link,
                           std::uint64_t seed, const std::atomic<bool>& cancelled) {
   constexpr double kHeldShare = 0.9;  // share of the lift's height above which the object counts as held up
+  // A study refuses a scenario whose lifts have different heights.
   const double height_of_lift = action_of(scenario.users.front(), ActionKind::kLift).height;
   SharedSession session{subject, settings_of(link, seed)};
   add_users(session, client_sim::varied(scenario, seed));

@@ -1,6 +1,9 @@
 #include "study/study.hpp"
 
 #include <algorithm>
+#include <map>
+#include <set>
+#include <utility>
 
 #include "hrtc_service/servo/touch_object.hpp"
 #include "netem/profile.hpp"
@@ -48,6 +51,21 @@ using client_sim::ActionKind;
 using client_sim::Measure;
 using client_sim::Scenario;
 
+/// Returns whether all actions `lift` have the same height.
+bool has_one_height(const Scenario& scenario) {
+  std::set<double> heights;
+  for (const client_sim::User& user : scenario.users)
+    for (const client_sim::Action& action : user.script)
+      if (action.kind == ActionKind::kLift) heights.insert(action.height);
+  return heights.size() < 2;
+}
+
+/// Returns whether all users have the same radius. The HRTC of a run has one radius for all tips.
+bool has_one_radius(const Scenario& scenario) {
+  return std::all_of(scenario.users.begin(), scenario.users.end(),
+                     [&](const client_sim::User& user) { return user.radius == scenario.users.front().radius; });
+}
+
 /// Returns the reason why a study cannot run the scenario; empty when it can.
 std::string refusal_reason(const Scenario& scenario) {
   if (scenario.measures == Measure::kNone) return "measures nothing; expected 'measures' and 'truth'";
@@ -57,6 +75,7 @@ std::string refusal_reason(const Scenario& scenario) {
   const bool allows_tool = scenario.measures == Measure::kForces && scenario.truth == client_sim::Truth::kFullMesh;
   if (scenario.tool != client_sim::Tool::kSphere && !allows_tool)
     return "has a tool, so it must measure forces and have the truth full-mesh";
+  if (!has_one_radius(scenario)) return "has users with different values of 'radius', expected one value";
   const std::string object = object_of(scenario);
   if (scenario.measures == Measure::kTarget || scenario.measures == Measure::kLift ||
       scenario.measures == Measure::kHandOver) {
@@ -68,8 +87,10 @@ std::string refusal_reason(const Scenario& scenario) {
                            [&](const auto& action) { return action.kind == kind; });
       });
     };
-    if (scenario.measures == Measure::kLift)
-      return all_users_have(ActionKind::kLift) ? "" : "has a user without the action lift";
+    if (scenario.measures == Measure::kLift) {
+      if (!all_users_have(ActionKind::kLift)) return "has a user without the action lift";
+      return has_one_height(scenario) ? "" : "has actions lift with different values of 'height', expected one value";
+    }
     if (!all_users_have(ActionKind::kHold)) return "has a user without the action hold";
     if (scenario.measures == Measure::kHandOver && !all_users_have(ActionKind::kWait))
       return "has a user without the action wait";

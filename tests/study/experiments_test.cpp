@@ -43,6 +43,9 @@ class TargetForce : public ::testing::Test {
   static ScenarioRun run(double seconds) {
     client_sim::Scenario scenario = client_sim::load_scenario("target-force");
     scenario.duration = seconds;
+    return run(scenario);
+  }
+  static ScenarioRun run(const client_sim::Scenario& scenario) {
     static const Subject kSubject = make_subject(object_of(scenario), "box", 1200, 0.1);
     return press_to_target(scenario, kSubject, netem::parse_link("P0"), 1, kNoStop);
   }
@@ -67,6 +70,50 @@ TEST_F(TargetForce, UsersWhoTouchJustBeforeTheEndHaveTheLengthOfTheRunAsTimeToTa
   EXPECT_EQ(value_of(result.figures, "time until all touch"), touched_ms);
   EXPECT_NEAR(value_of(result.figures, "time to target"), touched_ms + 50, 1);
   expect_no_values_of_the_period_of_contact(result);
+}
+
+/// Returns a user who presses the crate along x with `force`, for `seconds` from the contact on, and then leaves it if
+/// `releases`. The user begins after `wait` seconds.
+client_sim::User user_who_presses(const char* name, double x, double force, double wait, double seconds,
+                                  bool releases) {
+  client_sim::User user;
+  user.name = name;
+  user.hrtc = name;
+  client_sim::Action action;
+  action.object = "crate";
+  action.kind = client_sim::ActionKind::kApproach;
+  action.direction = {x, 0, 0};
+  action.force = 0.2;
+  user.script.push_back(action);
+  action.kind = client_sim::ActionKind::kWait;
+  action.seconds = wait;
+  user.script.insert(user.script.begin(), action);
+  action.kind = client_sim::ActionKind::kHold;
+  action.seconds = seconds;
+  action.force = force;
+  user.script.push_back(action);
+  action.kind = client_sim::ActionKind::kRetreat;
+  if (releases) user.script.push_back(action);
+  return user;
+}
+
+TEST_F(TargetForce, IsThatOfEachUser) {
+  client_sim::Scenario scenario;
+  scenario.duration = 9;
+  // The friction of the ground carries the difference of the forces, 1 N.
+  scenario.users = {user_who_presses("ann", 1, 1.5, 0, 6, false), user_who_presses("bob", -1, 2.5, 0, 6, false)};
+  const ScenarioRun result = run(scenario);
+  EXPECT_GT(value_of(result.figures, "time on target"), 95);
+  EXPECT_LT(value_of(result.figures, "time to target"), 3000);
+}
+
+TEST_F(TargetForce, IsMeasuredUntilTheFirstUserReleases) {
+  client_sim::Scenario scenario;
+  scenario.duration = 12;
+  scenario.users = {user_who_presses("ann", 1, 1.5, 0, 5, true), user_who_presses("bob", -1, 1.5, 2, 5, true)};
+  const ScenarioRun result = run(scenario);
+  EXPECT_EQ(value_of(result.figures, "time without contact"), 0);
+  EXPECT_LT(value_of(result.figures, "deviation from target, max"), 1);
 }
 
 TEST(LiftTogether, WithoutAViewOfTheObjectNothingIsKnownOfItsPose) {
