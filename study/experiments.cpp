@@ -125,14 +125,14 @@ Experiments experiments_of(const Study& study, const std::vector<Scenario>& scen
   }
   if (study.collaboration) {
     for (const Method method : {Method::kChannel, Method::kSpring, Method::kNaive, Method::kServer}) {
-      experiments.all.push_back({std::string{"carry, "} + kMethodNames[static_cast<int>(method)],
+      experiments.all.push_back({std::string{kCarryPrefix} + kMethodNames[static_cast<int>(method)],
                                  Section::kCollaboration, 0, study.profiles, study.seeds,
                                  [method](const netem::LinkSettings& link, std::uint64_t seed,
                                           const std::atomic<bool>&) { return carry_together(method, link, seed); }});
     }
   }
   if (study.stiffness) {
-    Experiment experiment{"stiffness", Section::kStiffness, 0, {kBaseline}, 1, {}};
+    Experiment experiment{kStiffnessName, Section::kStiffness, 0, {kBaseline}, 1, {}};
     for (const char* half : {"2.5", "5", "10", "25", "50", "100", "150"})
       experiment.profiles.push_back(std::string{kBaseline} + ":delay=" + half);
     experiment.run = [](const netem::LinkSettings& link, std::uint64_t, const std::atomic<bool>&) {

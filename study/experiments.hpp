@@ -26,6 +26,9 @@ inline constexpr const char* kSectionNames[]{
     "Force fidelity", "Force and torque of a tool",  "Cold start", "Target force", "Lift", "Hand-over",
     "Collaboration",  "Stiffness against round trip"};
 
+/// Names of the experiments without a scenario. The name of the first kind ends in a method of kMethodNames.
+inline constexpr const char *kCarryPrefix = "carry, ", *kStiffnessName = "stiffness";
+
 /// Name of the figure that is the abscissa of the stiffness plot.
 inline constexpr const char* kRoundTrip = "round trip";
 

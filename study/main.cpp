@@ -80,7 +80,9 @@ void keep_only(const std::vector<std::string>& names, std::vector<Experiment>& e
       for (const Experiment& experiment : experiments) known += (known.empty() ? "" : "; ") + experiment.name;
       throw client_sim::ScenarioError{"--only: found '" + name + "', expected one of: " + known};
     }
-    kept.push_back(*found);
+    const bool is_kept =
+        std::any_of(kept.begin(), kept.end(), [&](const Experiment& experiment) { return experiment.name == name; });
+    if (!is_kept) kept.push_back(*found);
   }
   experiments = std::move(kept);
 }

@@ -1,9 +1,15 @@
 #include "study/results.hpp"
 
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
+#include <utility>
 
 #include "study/study.hpp"
 
@@ -27,11 +33,29 @@ Run run_from(const ordered_json& line) {
   return run;
 }
 
+/// Makes the folder, and returns it. A folder that cannot be made shows when its first file is opened.
+std::filesystem::path made(const std::filesystem::path& folder) {
+  std::error_code ignored;
+  std::filesystem::create_directories(folder, ignored);
+  return folder;
+}
+
 }  // namespace
 
-RunLog::RunLog(const std::filesystem::path& folder, const std::string& study) : file_{folder / "runs.jsonl"} {
+FileLock::FileLock(const std::filesystem::path& file)
+    : descriptor_{::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666)} {
+  if (descriptor_ < 0) throw std::runtime_error("cannot write " + file.string());
+  // Some file systems have no locks. A study runs there too, without this protection.
+  if (::flock(descriptor_, LOCK_EX | LOCK_NB) == 0 || errno != EWOULDBLOCK) return;
+  ::close(descriptor_);
+  throw std::runtime_error(file.string() + ": another running study writes it; expected a folder of its own (--out)");
+}
+
+FileLock::~FileLock() { ::close(descriptor_); }
+
+RunLog::RunLog(const std::filesystem::path& folder, const std::string& study)
+    : file_{made(folder) / "runs.jsonl"}, lock_{file_} {
   std::error_code error;
-  std::filesystem::create_directories(folder, error);
   std::ifstream in{file_};
   std::string line;
   std::uint64_t complete = 0;  // bytes of complete lines; the rest of the file is cut off
@@ -45,7 +69,7 @@ RunLog::RunLog(const std::filesystem::path& folder, const std::string& study) : 
     while (std::getline(in, line) && !in.eof()) {
       const ordered_json parsed = ordered_json::parse(line, nullptr, false);
       if (parsed.is_discarded()) break;
-      runs_.push_back(run_from(parsed));
+      (void)append(run_from(parsed));
       complete += line.size() + 1;
     }
     in.close();
@@ -58,13 +82,17 @@ RunLog::RunLog(const std::filesystem::path& folder, const std::string& study) : 
 }
 
 bool RunLog::has(const std::string& scenario, const std::string& profile, std::uint64_t seed) const {
-  return std::any_of(runs_.begin(), runs_.end(), [&](const Run& run) {
-    return run.scenario == scenario && run.profile == profile && run.seed == seed;
-  });
+  return keys_.count({scenario, profile, seed}) > 0;
+}
+
+bool RunLog::append(Run run) {
+  if (!keys_.emplace(run.scenario, run.profile, run.seed).second) return false;
+  runs_.push_back(std::move(run));
+  return true;
 }
 
 void RunLog::add(const Run& run) {
-  runs_.push_back(run);
+  if (!append(run)) return;
   out_ << to_json(run).dump() << std::endl;
   if (!out_) throw std::runtime_error("cannot write " + file_.string());
 }

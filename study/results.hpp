@@ -3,7 +3,9 @@
 
 #include <filesystem>
 #include <fstream>
+#include <set>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include "study/experiments.hpp"
@@ -17,22 +19,39 @@ struct Run {
   Figures figures;
 };
 
-/// One thread at a time.
+/// Locks a file against other FileLocks, of this process and of others, until the end of its life.
+class FileLock {
+ public:
+  /// Makes the file if it is missing. Throws std::runtime_error if it cannot be written or is locked.
+  explicit FileLock(const std::filesystem::path& file);
+  FileLock(const FileLock&) = delete;
+  FileLock& operator=(const FileLock&) = delete;
+  ~FileLock();
+
+ private:
+  int descriptor_;
+};
+
+/// Has at most one run of each scenario, link and seed. One thread at a time.
 class RunLog {
  public:
   /// Continues with the existing runs. `study` is a line that identifies the study. Throws std::runtime_error when the
-  /// folder cannot be written or has runs of another study.
+  /// folder cannot be written, has runs of another study, or is that of another RunLog.
   RunLog(const std::filesystem::path& folder, const std::string& study);
 
   [[nodiscard]] bool has(const std::string& scenario, const std::string& profile, std::uint64_t seed) const;
-  /// Writes the run to disk before it returns. Throws std::runtime_error.
+  /// Writes the run to disk before it returns, unless it has the run. Throws std::runtime_error.
   void add(const Run& run);
   [[nodiscard]] const std::vector<Run>& runs() const noexcept { return runs_; }
 
  private:
+  [[nodiscard]] bool append(Run run);
+
   std::filesystem::path file_;
+  FileLock lock_;
   std::ofstream out_;
   std::vector<Run> runs_;
+  std::set<std::tuple<std::string, std::string, std::uint64_t>> keys_;  // scenario, link and seed of each run
 };
 
 /// Estimates of one figure over the seeds.

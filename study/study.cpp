@@ -8,7 +8,9 @@
 #include "hrtc_service/servo/touch_object.hpp"
 #include "netem/profile.hpp"
 #include "session/messages.hpp"
+#include "study/experiments.hpp"
 #include "study/scenario_run.hpp"
+#include "study/shared_world.hpp"
 #include "yaml/reader.hpp"
 
 namespace tactus::study {
@@ -102,18 +104,36 @@ std::string refusal_reason(const Scenario& scenario) {
   return "";
 }
 
+/// Returns the names of the study's experiments without a scenario.
+std::vector<std::string> names_without_scenario(const Study& study) {
+  std::vector<std::string> names;
+  if (study.collaboration)
+    for (const char* method : kMethodNames) names.push_back(kCarryPrefix + std::string{method});
+  if (study.stiffness) names.emplace_back(kStiffnessName);
+  return names;
+}
+
 }  // namespace
 
 std::vector<Scenario> check(Study& study) {
-  const auto at = std::find(study.profiles.begin(), study.profiles.end(), kBaseline);
-  if (at != study.profiles.end()) study.profiles.erase(at);
-  study.profiles.insert(study.profiles.begin(), kBaseline);
-  for (const std::string& profile : study.profiles) (void)netem::parse_link(profile);
+  std::vector<std::string> profiles{kBaseline};
+  for (const std::string& profile : study.profiles)
+    if (std::find(profiles.begin(), profiles.end(), profile) == profiles.end()) profiles.push_back(profile);
+  for (const std::string& profile : profiles) (void)netem::parse_link(profile);
+  study.profiles = std::move(profiles);
   std::vector<Scenario> scenarios;
-  for (const std::string& name : study.scenarios) {
-    scenarios.push_back(client_sim::load_scenario(name));
+  std::map<std::string, std::string> sources;  // of each experiment, by its name
+  for (const std::string& name : names_without_scenario(study)) sources[name] = "the program";
+  for (const std::string& source : study.scenarios) {
+    scenarios.push_back(client_sim::load_scenario(source));
+    const std::string& name = scenarios.back().name;
     const std::string reason = refusal_reason(scenarios.back());
-    if (!reason.empty()) throw ScenarioError{"scenario '" + scenarios.back().name + "': " + reason};
+    if (!reason.empty()) throw ScenarioError{"scenario '" + name + "': " + reason};
+    const auto [other, is_new] = sources.emplace(name, "'" + source + "'");
+    if (!is_new) {
+      throw ScenarioError{"scenarios: found the name '" + name + "' in '" + source + "' and in " + other->second +
+                          ", expected a different 'name:' in each"};
+    }
   }
   return scenarios;
 }

@@ -45,8 +45,9 @@ inline constexpr const char* kBaseline = "P0";
 [[nodiscard]] Study parse_study(const std::string& text, const std::string& source);
 [[nodiscard]] Study load_study(const std::string& file);
 
-/// Makes the baseline the first link of `study`, and loads its scenarios. Throws netem::LinkError for an unknown link,
-/// and client_sim::ScenarioError for a scenario that is missing or that a study cannot run.
+/// Makes the baseline the first link of `study`, removes repeated links, and loads the scenarios. Throws
+/// netem::LinkError for an unknown link, and client_sim::ScenarioError for a scenario that is missing, that a study
+/// cannot run, or that has the name of another experiment.
 [[nodiscard]] std::vector<client_sim::Scenario> check(Study& study);
 
 }  // namespace tactus::study

@@ -90,16 +90,49 @@ TEST_F(RunLogTest, ContinuesAfterTheCompleteRunsOfAnInterruptedStudy) {
     log.add(run_of("P4", 1, 0.1));
   }
   std::ofstream{folder_.path() / "runs.jsonl", std::ios::app} << "{\"scenario\":\"tap\",\"pro";  // an incomplete line
-  RunLog log{folder_.path(), "study A"};
-  EXPECT_EQ(log.runs().size(), 2u);
-  EXPECT_TRUE(log.has("tap", "P4", 1));
-  EXPECT_FALSE(log.has("tap", "P4", 2));
-  EXPECT_EQ(log.runs()[1].figures[0].value, 0.1);
-  log.add(run_of("P4", 2, 3));
-  log.add(run_of("P4", 3, std::nan("")));
+  {
+    RunLog log{folder_.path(), "study A"};
+    EXPECT_EQ(log.runs().size(), 2u);
+    EXPECT_TRUE(log.has("tap", "P4", 1));
+    EXPECT_FALSE(log.has("tap", "P4", 2));
+    EXPECT_EQ(log.runs()[1].figures[0].value, 0.1);
+    log.add(run_of("P4", 2, 3));
+    log.add(run_of("P4", 3, std::nan("")));
+  }
   const RunLog reopened{folder_.path(), "study A"};
   ASSERT_EQ(reopened.runs().size(), 4u);
   EXPECT_TRUE(std::isnan(reopened.runs()[3].figures[0].value));
+}
+
+TEST_F(RunLogTest, HasEachRunOnce) {
+  {
+    RunLog log{folder_.path(), "study A"};
+    log.add(run_of("P4", 1, 0.25));
+    log.add(run_of("P4", 1, 0.5));
+    log.add(run_of("P4", 2, 0.75));
+    EXPECT_EQ(log.runs().size(), 2u);
+  }
+  const std::filesystem::path file = folder_.path() / "runs.jsonl";
+  const std::string text = test_support::read_bytes(file);
+  std::ofstream{file, std::ios::app} << text.substr(text.find('\n') + 1);
+  const RunLog log{folder_.path(), "study A"};
+  ASSERT_EQ(log.runs().size(), 2u);
+  EXPECT_EQ(log.runs()[0].figures[0].value, 0.25);
+}
+
+TEST_F(RunLogTest, RefusesAFolderInWhichAStudyRuns) {
+  const RunLog running{folder_.path(), "study A"};
+  const std::filesystem::path file = folder_.path() / "runs.jsonl";
+  std::ofstream{file, std::ios::app} << "{\"scenario\":\"tap\",\"pro";  // the running study writes a line
+  const std::string text = test_support::read_bytes(file);
+  std::string error;
+  try {
+    RunLog{folder_.path(), "study A"};
+  } catch (const std::runtime_error& refusal) {
+    error = refusal.what();
+  }
+  EXPECT_EQ(error, file.string() + ": another running study writes it; expected a folder of its own (--out)");
+  EXPECT_EQ(test_support::read_bytes(file), text);
 }
 
 TEST_F(RunLogTest, RefusesAFileWhoseIncompleteLineItCannotCutOff) {

@@ -4,6 +4,10 @@
 #include <gtest/gtest.h>
 
 #include <fstream>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "netem/profile.hpp"
 #include "tests/support/temporary_folder.hpp"
@@ -57,6 +61,54 @@ TEST(Study, BeginsWithTheBaselineAndHasItOnce) {
   study.profiles = {"P4", "P0", "P6"};
   EXPECT_FALSE(check(study).empty());
   EXPECT_THAT(study.profiles, ElementsAre("P0", "P4", "P6"));
+}
+
+TEST(Study, HasEachLinkOnce) {
+  Study study;
+  study.profiles = {"P0", "P4", "P0", "P6", "P4"};
+  EXPECT_FALSE(check(study).empty());
+  EXPECT_THAT(study.profiles, ElementsAre("P0", "P4", "P6"));
+}
+
+/// The message with which a study of these scenarios is refused; empty if it is not.
+std::string refusal_of(std::vector<std::string> scenarios) {
+  Study study;
+  study.scenarios = std::move(scenarios);
+  try {
+    (void)check(study);
+  } catch (const client_sim::ScenarioError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(Study, RefusesExperimentsWithOneName) {
+  const test_support::TemporaryFolder folder;
+  const std::string copy = (folder.path() / "copy.yaml").string(), named = (folder.path() / "named.yaml").string();
+  const std::string text = client_sim::built_in_scenario("tap-scan").text;
+  std::ofstream{copy} << text;
+  EXPECT_EQ(refusal_of({"tap-scan", copy}), "scenarios: found the name 'tap-scan' in '" + copy +
+                                                "' and in 'tap-scan', expected a different 'name:' in each");
+  std::ofstream{copy} << "name: mine" << text.substr(text.find('\n'));
+  EXPECT_EQ(refusal_of({"tap-scan", copy}), "");
+  for (const char* name : {"stiffness", "carry, channel"}) {
+    std::ofstream{named} << "name: " << name << text.substr(text.find('\n'));
+    EXPECT_EQ(refusal_of({named}), "scenarios: found the name '" + std::string{name} + "' in '" + named +
+                                       "' and in the program, expected a different 'name:' in each");
+  }
+}
+
+TEST(Study, RefusesValuesThatAMeasurementTakesFromOneUserIfTheyDiffer) {
+  const test_support::TemporaryFolder folder;
+  const std::string file = (folder.path() / "s.yaml").string();
+  std::ofstream{file} << "name: s\nmeasures: lift\ntruth: analytic\nusers:\n"
+                         "  - {name: ann, script: [{lift: {object: crate, height: 0.1}}]}\n"
+                         "  - {name: bob, script: [{lift: {object: crate, height: 0.2}}]}\n";
+  EXPECT_EQ(refusal_of({file}), "scenario 's': has actions lift with different values of 'height', expected one value");
+  std::ofstream{file} << "name: s\nmeasures: forces\ntruth: analytic\nusers:\n"
+                         "  - {name: ann, script: [{tap: {object: wall}}]}\n"
+                         "  - {name: bob, radius: 0.01, script: [{tap: {object: wall}}]}\n";
+  EXPECT_EQ(refusal_of({file}), "scenario 's': has users with different values of 'radius', expected one value");
 }
 
 TEST(Study, RefusesScenariosThatItCannotRun) {
