@@ -112,9 +112,7 @@ void write_traces(const std::filesystem::path& folder, const Run& run, const Sce
                     f.torque.y(), f.torque.z(), t.torque.x(), t.torque.y(), t.torque.z());
       text += line;
     }
-    write_file(folder / (run.scenario + "-" + run.profile + "-" + std::to_string(run.seed) + "-" +
-                         std::to_string(user + 1) + ".csv"),
-               text);
+    write_file(folder / trace_file_name(run, user), text);
   }
 }
 
@@ -133,8 +131,8 @@ int run(const Options& options, const std::string& command, const std::atomic<bo
   };
   runner.on_run = [&](const FinishedRun& finished) {
     const Run& run = finished.run;
-    if (options.trace) write_traces(folder / "traces", run, finished.traces);
     log.add(run);
+    if (options.trace) write_traces(folder / "traces", run, finished.traces);
     std::fprintf(stderr, "[%zu/%zu] %s over %s, seed %llu\n", finished.done, finished.all,
                  session::printable(run.scenario).c_str(), run.profile.c_str(),
                  static_cast<unsigned long long>(run.seed));

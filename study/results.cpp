@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
+#include <cstdio>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <utility>
@@ -130,6 +131,22 @@ std::vector<LinkResult> results_by_link(const std::vector<Run>& runs, const std:
     }
   }
   return results;
+}
+
+std::string trace_file_name(const Run& run, std::size_t user) {
+  const auto encoded = [](const std::string& name) {
+    std::string text;
+    for (const char c : name) {
+      const bool is_safe = (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '.' ||
+                           c == '_' || c == '-';
+      char code[16];
+      std::snprintf(code, sizeof code, "%%%02X", static_cast<unsigned>(static_cast<unsigned char>(c)));
+      text += is_safe ? std::string(1, c) : code;
+    }
+    return text;
+  };
+  return encoded(run.scenario) + "-" + encoded(run.profile) + "-" + std::to_string(run.seed) + "-" +
+         std::to_string(user + 1) + ".csv";
 }
 
 void write_file(const std::filesystem::path& file, const std::string& text) {

@@ -70,6 +70,10 @@ struct LinkResult {
 [[nodiscard]] std::vector<LinkResult> results_by_link(const std::vector<Run>& runs,
                                                       const std::vector<Experiment>& experiments);
 
+/// Returns the name of the file for the trace of the user with this index. Different runs and users have different
+/// names: other characters than A-Z, a-z, 0-9, '.', '_' and '-' become '%' and two hexadecimal digits, as in a URL.
+[[nodiscard]] std::string trace_file_name(const Run& run, std::size_t user);
+
 /// Writes the file under another name and renames it, so that `file` is never incomplete. Throws std::runtime_error.
 void write_file(const std::filesystem::path& file, const std::string& text);
 

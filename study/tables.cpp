@@ -270,6 +270,17 @@ std::string html(const About& about, const std::vector<LinkResult>& results) {
   return page::page("Study " + about.study, body);
 }
 
+namespace {
+
+/// Returns the text as a field of a CSV file, in quotes.
+std::string csv_field(const std::string& text) {
+  std::string field = "\"";
+  for (const char c : text) field += c == '"' ? std::string{"\"\""} : std::string(1, c);
+  return field + "\"";
+}
+
+}  // namespace
+
 std::string csv(const std::vector<LinkResult>& results) {
   std::string text =
       "topic,scenario,link,figure,unit,n,mean,low,high,difference_n,difference_mean,difference_low,difference_high\n";
@@ -279,8 +290,8 @@ std::string csv(const std::vector<LinkResult>& results) {
       const Estimate &value = figure.value, &difference = figure.difference;
       std::snprintf(numbers, sizeof numbers, ",%zu,%.9g,%.9g,%.9g,%zu,%.9g,%.9g,%.9g\n", value.count, value.mean,
                     value.low, value.high, difference.count, difference.mean, difference.low, difference.high);
-      text += std::string{kSectionNames[static_cast<std::size_t>(result.section)]} + ",\"" + result.scenario + "\"," +
-              result.profile + ",\"" + figure.name + "\"," + figure.unit + numbers;
+      text += std::string{kSectionNames[static_cast<std::size_t>(result.section)]} + "," + csv_field(result.scenario) +
+              "," + result.profile + "," + csv_field(figure.name) + "," + figure.unit + numbers;
     }
   }
   return text;

@@ -58,6 +58,20 @@ TEST(Tables, HaveProfilesAsRowsAndScenariosAsColumns) {
   EXPECT_THAT(csv(results), HasSubstr("\"tap\",P4,\"force error rms\",N,1,0.123456,0.123456,0.123456,1,0.123456"));
 }
 
+TEST(Tables, DoubleTheQuotesOfNamesInCsv) {
+  std::vector<LinkResult> results = results_by_link({run_of("P0", 1, 0)}, {tap_experiment({"P0"})});
+  results[0].scenario = "a \"soft\" tap";
+  EXPECT_THAT(csv(results), HasSubstr("Force fidelity,\"a \"\"soft\"\" tap\",P0,\"force error rms\",N,1,"));
+}
+
+TEST(TraceFile, HasANameOfItsOwnInTheFolder) {
+  const auto name_of = [](const std::string& scenario) { return trace_file_name({scenario, "P0:delay=25", 3, {}}, 0); };
+  EXPECT_EQ(trace_file_name({"tap-scan", "P4", 3, {}}, 1), "tap-scan-P4-3-2.csv");
+  EXPECT_EQ(name_of("../a/b"), "..%2Fa%2Fb-P0%3Adelay%3D25-3-1.csv");
+  EXPECT_NE(name_of("a/b"), name_of("a_b"));
+  EXPECT_NE(name_of("a/b"), name_of("a%2Fb"));
+}
+
 TEST(Page, HasAPlotPerFigureAndIsSelfContained) {
   const std::vector<LinkResult> results = results_by_link(
       {run_of("P0", 1, 0), run_of("P4", 1, 0.2), run_of("P4", 2, std::nan(""))}, {tap_experiment({"P0", "P4"})});
