@@ -22,7 +22,7 @@ namespace {
 using namespace tactus;
 using namespace tactus::study;
 
-constexpr int kWrongInput = 2, kInterrupted = 130;
+constexpr int kFailed = 1, kWrongInput = 2, kInterrupted = 130;
 
 constexpr char kExamples[] = R"(
 Examples:
@@ -39,7 +39,8 @@ my-study.yaml:
 
 Everything runs in virtual time. If a study was interrupted, the same command with the same folder continues it.
 docs/how-to/studies.md describes how scenarios define measurements, and each figure.
-Exit status: 0 done, 2 wrong input, 130 interrupted. An interrupted study writes the tables of its finished runs.)";
+Exit status: 0 done, 1 a run failed, 2 wrong input, 130 interrupted. With 1 and 130 the study has written the tables of
+its finished runs.)";
 
 struct Options {
   std::string file, out = "study", scan;
@@ -137,7 +138,13 @@ int run(const Options& options, const std::string& command, const std::atomic<bo
                  session::printable(run.scenario).c_str(), run.profile.c_str(),
                  static_cast<unsigned long long>(run.seed));
   };
-  run_all(study, experiments, runner, cancelled);
+  std::string failure;
+  try {
+    run_all(study, experiments, runner, cancelled);
+  } catch (const std::exception& error) {
+    failure = error.what();
+    std::fprintf(stderr, "tactus-study: %s\n", failure.c_str());
+  }
 
   About about{study.name, command, machine(), TACTUS_COMMIT, {}};
   for (const Subject& subject : experiments.subjects)
@@ -149,11 +156,18 @@ int run(const Options& options, const std::string& command, const std::atomic<bo
   about.notes.push_back(
       "Each figure is a mean over seeds with its 95 % confidence interval. To repeat one run: `tactus sim study " +
       file + "--only NAME --profiles LINK --seeds 1 --first-seed SEED --trace --out FOLDER`.");
-  if (cancelled) about.notes.push_back("Interrupted: some seeds are missing.");
+  const bool failed = !failure.empty();
+  if (failed) {
+    about.notes.push_back("A run failed, so some runs are missing: " + failure);
+  } else if (cancelled) {
+    about.notes.push_back("Interrupted: some seeds are missing.");
+  }
+  const int status = failed ? kFailed : cancelled ? kInterrupted : 0;
+  const char* const reason = failed ? "a run failed" : "interrupted";
   const std::vector<LinkResult> results = results_by_link(log.runs(), experiments.all);
   if (results.empty()) {
-    std::fprintf(stderr, "tactus-study: interrupted before the first run finished\n");
-    return kInterrupted;
+    std::fprintf(stderr, "tactus-study: %s before the first run finished\n", reason);
+    return status;
   }
   const std::string tables = markdown(about, results);
   write_file(folder / "tables.md", tables);
@@ -161,8 +175,8 @@ int run(const Options& options, const std::string& command, const std::atomic<bo
   write_file(folder / "results.csv", csv(results));
   write_file(folder / "study.json", json(about, results));
   std::cout << tables;
-  if (cancelled) std::fprintf(stderr, "tactus-study: interrupted; finished runs are in %s\n", folder.c_str());
-  return cancelled ? kInterrupted : 0;
+  if (status != 0) std::fprintf(stderr, "tactus-study: %s; finished runs are in %s\n", reason, folder.c_str());
+  return status;
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <exception>
 #include <mutex>
+#include <stdexcept>
 #include <string>
 #include <thread>
 #include <vector>
@@ -34,11 +35,18 @@ class Runner {
     std::string profile;
     std::uint64_t seed;
   };
+  /// Adds experiment, link and seed to the message of an error.
+  static ScenarioRun result_of(const Task& task, const std::atomic<bool>& cancelled) try {
+    return task.experiment->run(netem::parse_link(task.profile), task.seed, cancelled);
+  } catch (const std::exception& error) {
+    throw std::runtime_error(task.experiment->name + " over " + task.profile + ", seed " + std::to_string(task.seed) +
+                             ": " + error.what());
+  }
   void work(const std::atomic<bool>& cancelled) {
     for (std::size_t i = next_++; i < left_.size() && !cancelled && !failed_; i = next_++) {
       const Task& task = left_[i];
       try {
-        const ScenarioRun result = task.experiment->run(netem::parse_link(task.profile), task.seed, cancelled);
+        const ScenarioRun result = result_of(task, cancelled);
         if (cancelled) return;
         const Run run{task.experiment->name, task.profile, task.seed, result.figures};
         const std::lock_guard lock{mutex_};

@@ -28,7 +28,8 @@ struct RunnerSettings {
 
 /// Runs all experiments over their links and seeds. The outer loop is over seeds, so that an interrupted study is a
 /// complete study with fewer seeds. If `cancelled` becomes true, returns early; runs in progress are not reported.
-/// Rethrows the error of the first failed run.
+/// Throws the error of the first failed run, after all runs in progress have ended: std::runtime_error with experiment,
+/// link and seed, or the exception of `on_run`.
 void run_all(const Study& study, const Experiments& experiments, const RunnerSettings& settings,
              const std::atomic<bool>& cancelled);
 

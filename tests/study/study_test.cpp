@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <fstream>
 #include <stdexcept>
 #include <string>
@@ -10,6 +11,7 @@
 #include <vector>
 
 #include "netem/profile.hpp"
+#include "study/runner.hpp"
 #include "tests/support/temporary_folder.hpp"
 #include "yaml/reader.hpp"
 
@@ -125,6 +127,34 @@ TEST(Study, RefusesScenariosThatItCannotRun) {
   EXPECT_THROW((void)check(study), client_sim::ScenarioError);  // the ground truth of a tool on a box is not available
   study.scenarios = {"nowhere.yaml"};
   EXPECT_THROW((void)check(study), client_sim::ScenarioError);
+}
+
+TEST(Runs, ReportTheOthersIfOneFails) {
+  Study study;
+  study.seeds = 1;
+  study.first_seed = 7;
+  Experiments experiments;
+  experiments.all.push_back({"tap",
+                             Section::kForces,
+                             0,
+                             {"P0", "P4"},
+                             1,
+                             [](const netem::LinkSettings& link, std::uint64_t, const std::atomic<bool>&) {
+                               if (link.name == "P4") throw std::runtime_error{"no base mesh"};
+                               return ScenarioRun{};
+                             }});
+  std::vector<std::string> finished;
+  RunnerSettings settings;
+  settings.jobs = 1;
+  settings.on_run = [&](const FinishedRun& run) { finished.push_back(run.run.profile); };
+  std::string error;
+  try {
+    run_all(study, experiments, settings, std::atomic<bool>{false});
+  } catch (const std::runtime_error& failure) {
+    error = failure.what();
+  }
+  EXPECT_EQ(error, "tap over P4, seed 7: no base mesh");
+  EXPECT_THAT(finished, ElementsAre("P0"));
 }
 
 }  // namespace
