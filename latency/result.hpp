@@ -19,18 +19,18 @@ struct TimeBin {
 /// Times in microseconds. All populations exclude the pings of the warm-up. Lost pings are counted, but have no time.
 struct Result {
   TestCase test;
-  Summary half_round_trip;        ///< half of the time from a ping's intended time to its echo's arrival; all readers
-  Summary half_round_trip_sent;   ///< half of the time from the send call: excludes late wake-ups and blocking
-  Summary age;                    ///< time from a ping's intended time to its arrival; all readers
+  Summary half_round_trip;       ///< half of the time from a ping's intended time to its echo's arrival; all readers
+  Summary half_round_trip_sent;  ///< half of the time from the send call: excludes late wake-ups and blocking
+  Summary age;                   ///< time from a ping's intended time to its arrival; all readers
   /// Age of the newest ping at a reader, sampled every 97 us from the first arrival until the last ping is due. Losses
   /// increase it. Infinite at a reader without an arrival.
   Summary age_of_information;
-  double clock_bound_us = 0;      ///< error bound of `age`; 0: both sides read one clock
-  Summary timer;                  ///< lateness of the pinger's wake-ups
-  double jitter_us = 0;           ///< maximum over the readers; RFC 3550
-  std::uint64_t expected = 0;     ///< pings x readers
-  std::uint64_t lost = 0;         ///< expected arrivals that are missing
-  std::uint64_t echoes_lost = 0;  ///< arrivals whose echo is missing
+  double clock_bound_us = 0;                    ///< error bound of `age`; 0: both sides read one clock
+  Summary timer;                                ///< lateness of the pinger's wake-ups
+  double jitter_us = 0;                         ///< maximum over the readers; RFC 3550
+  std::uint64_t expected = 0;                   ///< pings x readers
+  std::uint64_t lost = 0;                       ///< expected arrivals that are missing
+  std::uint64_t echoes_lost = 0;                ///< arrivals whose echo is missing
   std::uint64_t reordered = 0, duplicates = 0;  ///< arrivals
   std::uint64_t refused = 0;                    ///< pings that the carrier refused or blocked until the end
   double evaluated_s = 0;       ///< duration after the warm-up; approximate with coding, where pings are uneven

@@ -19,8 +19,8 @@ struct Summary {
 /// Sorts `values`. O(n log n).
 [[nodiscard]] Summary summarise(std::vector<double>& values);
 
-/// Payload rate of a load of `seconds`. `bytes`: received after the first arrival. A load that stalls before its end has
-/// a lower rate.
+/// Payload rate of a load of `seconds`. `bytes`: received after the first arrival. A load that stalls before its end
+/// has a lower rate.
 [[nodiscard]] inline double bytes_per_s(std::uint64_t bytes, std::int64_t first_ns, std::int64_t last_ns,
                                         double seconds) noexcept {
   const double passed = std::max(static_cast<double>(last_ns - first_ns) * 1e-9, seconds);

@@ -139,7 +139,7 @@ class Recipients {
 
  private:
   static constexpr std::size_t kMaxEntries = 4 * kMaxParticipants;  // those of forged participants stay
-  std::map<std::uint64_t, RosterEntry> entries_;                     // by participant
+  std::map<std::uint64_t, RosterEntry> entries_;                    // by participant
 };
 
 /// Lists who of the present hosts and HRTCs has acknowledged `sample`.

@@ -157,13 +157,13 @@ TEST_F(SceneTest, MeshesAboveTheLimitOfBytesAreBoxes) {
   const Frame whole = scene_.frame(at(0));
   const std::size_t glb_bytes = whole.objects->entities.at(0).models.at(0).data.size();
 
-  session::CatalogueEntry twin = organ();
-  twin.object = "twin";
-  twin.object_id = session::id_of("twin");
+  session::CatalogueEntry second = organ();
+  second.object = "second";
+  second.object_id = session::id_of("second");
   for (const std::size_t fitting : {0u, 1u, 2u}) {
     Scene scene{origin_of("record"), (fitting + 1) * glb_bytes - 1};
     scene.add(organ(), at(0));
-    scene.add(twin, at(0));
+    scene.add(second, at(0));
     for (const session::BulkChunk& chunk : base_chunks(1, 100)) scene.add(chunk, at(0));
     const Frame frame = scene.frame(at(0));
     ASSERT_TRUE(frame.objects);

@@ -99,7 +99,7 @@ class Scene {
   session::Roster roster_;
   session::StopLatch stops_;
   BaseMeshes base_meshes_;
-  std::map<std::uint64_t, Glb> glbs_;                                          // by digest of the model
+  std::map<std::uint64_t, Glb> glbs_;  // by digest of the model
   std::size_t max_mesh_bytes_;
   std::size_t mesh_bytes_ = 0;                                                 // of `glbs_`
   std::map<std::uint64_t, Object> objects_;                                    // by object id
