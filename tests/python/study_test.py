@@ -45,10 +45,10 @@ class StudyTest(FolderTest):
     def test_the_program_writes_the_tables_although_a_run_fails(self):
         out = self.folder / "out"
         process = subprocess.run([BIN / "tactus-study", "--scenarios", "tap-wall", "--only", "tap-wall", "--profiles",
-                                  "P0:rate=0.01", "--seeds", "1", "--jobs", "1", "--out", out], capture_output=True,
+                                  "P0:loss=100", "--seeds", "1", "--jobs", "1", "--out", out], capture_output=True,
                                  text=True)
         self.assertEqual(process.returncode, 1, process.stderr)
-        self.assertIn("tap-wall over P0:rate=0.01, seed 1: the base mesh was not shown", process.stderr)
+        self.assertIn("tap-wall over P0:loss=100, seed 1: the base mesh was not shown", process.stderr)
         with open(out / "results.csv", newline="") as file:
             self.assertEqual({row["link"] for row in csv.DictReader(file)}, {"P0"})
 
