@@ -247,7 +247,8 @@ void GatewayService::Impl::request_flight(const std::string& reason) {
 
 void GatewayService::Impl::send(session::RosterEntry entry) {
   entry.origin = participants.origin();
-  (void)roster_out.send(entry);
+  if (roster_out.send(entry) == wire::SendStatus::kInvalid)
+    spdlog::error("this HRTC is not in the session: its roster entry is invalid, {}", roster_out.invalid_reason());
 }
 
 /// Ticks the gateway between the two halves of the body exchange.

@@ -1,4 +1,4 @@
-/// What a script has received from a session: the states of probes, and the objects that hosts offer.
+/// The samples that a script has received from a session: the states of probes, and the objects that hosts offer.
 ///
 /// Samples are not trusted: their numbers are limited. No DDS, thread or clock: times are those of the arrival of
 /// samples, monotonic clock, ns. One thread at a time.
@@ -36,10 +36,10 @@ class ReceivedStates {
  public:
   /// Rows stored for each user until they are taken; older rows are dropped.
   static constexpr std::size_t kMaxRows = 1u << 16;
-  /// Rows stored for all users. With one more, the user who has the most rows loses the older half of them.
+  /// Rows stored for all users. Above this limit, the older half of the rows of the user with the most rows is dropped.
   static constexpr std::size_t kMaxAllRows = 1u << 20;
   static constexpr std::size_t kMaxUsers = 1024;
-  /// The user whose newest state is the oldest makes room for one more if it is older than this.
+  /// Above kMaxUsers, a new user replaces the one whose newest state is the oldest, if it is older than this.
   static constexpr std::int64_t kSilentNs = 1'000'000'000;
 
   void add(std::uint64_t user, const StateRow& row, std::int64_t now_ns) {
@@ -97,12 +97,12 @@ class ReceivedStates {
   std::int64_t full_until_ns_ = 0;  // no user is silent before, so that not each id of a flood causes a search
 };
 
-/// The objects that hosts offer. An object exists until all programs that offer it have withdrawn it or left. The HRTCs
-/// also retain the objects of a program that is gone without a leave message.
+/// The objects that hosts offer. An object exists until all programs that offer it have withdrawn it, left, or started
+/// again. As at HRTCs, the objects of a program that is gone without a leave message remain.
 class OfferedObjects {
  public:
-  /// Pairs of an object and a program that offers it. One more removes those whose programs are not in the roster, at
-  /// most once in a second.
+  /// Pairs of an object and a program that offers it. Above this limit, a new offer removes those of programs that are
+  /// not in the roster, at most once in a second.
   static constexpr std::size_t kMaxOffers = 8192;
 
   void add(const session::CatalogueEntry& entry, const session::Roster& roster, std::int64_t now_ns) {
@@ -121,9 +121,17 @@ class OfferedObjects {
     offers_[entry.object].push_back(entry);
     ++count_;
   }
-  /// Removes the offers of a program that has left.
+  /// Removes the offers of a program that has left, and those of its earlier processes.
   void remove(const session::Origin& host) {
-    erase([&](const session::CatalogueEntry& offer) { return is_same_program(offer.origin, host); });
+    erase([&](const session::CatalogueEntry& offer) {
+      return offer.origin.participant == host.participant && offer.origin.incarnation <= host.incarnation;
+    });
+  }
+  /// Removes the offers of the earlier processes of a program that has started again.
+  void remove_earlier(const session::Origin& host) {
+    erase([&](const session::CatalogueEntry& offer) {
+      return offer.origin.participant == host.participant && offer.origin.incarnation < host.incarnation;
+    });
   }
   /// The newest entry of each object, by name.
   [[nodiscard]] std::map<std::string, session::CatalogueEntry> newest() const {

@@ -3,6 +3,7 @@
 #include <pybind11/stl/filesystem.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstddef>
@@ -278,6 +279,10 @@ std::vector<std::string> stop_forces(const ScriptSession& self, const std::strin
 
 std::vector<std::string> reset_forces(const ScriptSession& self, const std::string& reason, double timeout) {
   const std::shared_ptr<SessionClient> client = self.client();
+  const auto begin = std::chrono::steady_clock::now();
+  const auto time_left = [&] {
+    return std::max(0.0, timeout - std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
+  };
   (void)poll(timeout, [&] { return client->has_discovered(); });
   std::vector<session::StopName> left = client->standing_stops();
   std::vector<std::string> names;
@@ -287,7 +292,7 @@ std::vector<std::string> reset_forces(const ScriptSession& self, const std::stri
       reset.stops.push_back(left.back());
       left.pop_back();
     }
-    names = deliver(*client, reset, timeout);
+    names = deliver(*client, reset, time_left());
   } while (!left.empty());
   std::string still;  // issued after the stops were read
   for (const auto& [name, member] : client->members()) {
@@ -302,6 +307,7 @@ std::vector<std::string> reset_forces(const ScriptSession& self, const std::stri
 }
 
 /// Publishes a sample that no roster entry acknowledges. Its writer stores it for programs that are discovered later.
+/// Returns when all hosts and HRTCs are assumed discovered, at the latest after 10 s.
 template <class Sample>
 void announce(const ScriptSession& self, Sample sample) {
   const std::shared_ptr<SessionClient> client = self.client();

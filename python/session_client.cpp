@@ -119,6 +119,7 @@ void SessionClient::on_events(const std::vector<session::RosterEvent>& events) {
     if (event.change == session::RosterChange::kLeft || event.change == session::RosterChange::kGone)
       figures_.erase(event.entry.origin.participant);
     if (event.change == session::RosterChange::kLeft) objects_.remove(event.entry.origin);
+    if (event.change == session::RosterChange::kRestarted) objects_.remove_earlier(event.entry.origin);
     if (event.change != session::RosterChange::kNameConflict || event.entry.origin.participant != self.participant)
       continue;
     // As in client_sim::SimCore: the program that joined later leaves.

@@ -51,11 +51,6 @@ bool is_name(const std::string& text) noexcept {
   return !text.empty() && text.size() <= kMaxName && !has_control_character(text);
 }
 
-/// The name of a program or a user becomes a DDS partition. DDS refuses one that is a pattern, which would match others.
-bool is_partition(const std::string& name) noexcept {
-  return is_name(name) && name.find_first_of("*?[]\\") == std::string::npos;
-}
-
 bool ascending(const std::vector<spm::Interval>& intervals) noexcept {
   std::uint64_t next = 0;
   for (const spm::Interval& interval : intervals) {
@@ -135,6 +130,10 @@ const char* invalid_field(const spm::ModelSummary& s) noexcept {
 }
 
 }  // namespace
+
+bool is_partition(const std::string& name) noexcept {
+  return is_name(name) && name.find_first_of("*?[]\\") == std::string::npos;
+}
 
 const char* invalid_field(const RosterEntry& r) noexcept {
   if (r.role > Role::kViewer) return "role: expected 0..3";

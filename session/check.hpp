@@ -2,9 +2,15 @@
 /// and ids that match their names. Uses no DDS.
 #pragma once
 
+#include <string>
+
 #include "session/messages.hpp"
 
 namespace tactus::session {
+
+/// Whether a text may be the name of a program or a user: 1 to 63 bytes without control characters and * ? [ ] \. The
+/// name becomes a DDS partition, and a pattern would match others.
+[[nodiscard]] bool is_partition(const std::string& name) noexcept;
 
 /// Returns the first invalid field of a sample and the expected value, as static text; nullptr if the sample is valid.
 /// O(size), no allocation. Thread: any.

@@ -123,8 +123,8 @@ class Recipients {
   void update(const Roster& roster);
   /// Forgets all.
   void clear() noexcept { entries_.clear(); }
-  /// Lists who has acknowledged `sample`, an EmergencyStop or a ForceReset. The sender repeats it until `missing` is
-  /// empty.
+  /// Lists the hosts and HRTCs that have acknowledged `sample`, an EmergencyStop or a ForceReset, and those that have
+  /// not. The sender repeats it until `missing` is empty.
   template <class Sample>
   [[nodiscard]] Acknowledgement acknowledgement(const Sample& sample) const {
     Acknowledgement result;
@@ -138,11 +138,11 @@ class Recipients {
   }
 
  private:
-  static constexpr std::size_t kMaxEntries = 4 * kMaxParticipants;  // those of forged participants stay
+  static constexpr std::size_t kMaxEntries = 4 * kMaxParticipants;  // those of forged participants remain
   std::map<std::uint64_t, RosterEntry> entries_;                    // by participant
 };
 
-/// Lists who of the present hosts and HRTCs has acknowledged `sample`.
+/// Lists the present hosts and HRTCs that have acknowledged `sample`, and those that have not.
 template <class Sample>
 [[nodiscard]] Acknowledgement acknowledgement(const Roster& roster, const Sample& sample) {
   Recipients present;

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <cstdio>
 #include <cstring>
-#include <fstream>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <ostream>
@@ -212,8 +211,8 @@ int export_finest(const Settings& settings, const ToolStreams& streams) {
 }
 
 int audit_log(const Settings& settings, bool json, const ToolStreams& streams) {
-  // Checked before the audit, which takes up to a minute.
-  if (!settings.json_file.empty() && !trace::PrivateFile::can_write(settings.json_file))
+  std::optional<trace::PrivateFile> file;  // opened before the audit, which takes up to a minute
+  if (!settings.json_file.empty() && file.emplace(settings.json_file).get() == nullptr)
     throw AuditError(settings.json_file + ": cannot be written: " + std::strerror(errno));
   const AuditReport report = audit_files(settings.log, settings.model, settings.spm, settings.audit);
   if (json && settings.json_file.empty()) {
@@ -221,11 +220,8 @@ int audit_log(const Settings& settings, bool json, const ToolStreams& streams) {
   } else {
     streams.out << audit_text(report);
   }
-  if (!settings.json_file.empty()) {
-    std::ofstream file{settings.json_file};
-    if (!(file << audit_json(report).dump(2) << "\n" << std::flush))
-      throw AuditError(settings.json_file + ": cannot be written completely");
-  }
+  if (file && (std::fputs((audit_json(report).dump(2) + "\n").c_str(), file->get()) == EOF || !file->commit()))
+    throw AuditError(settings.json_file + ": cannot be written completely");
   return report.clean() ? kDone : kCheckFailed;
 }
 

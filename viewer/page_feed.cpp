@@ -102,7 +102,8 @@ PageMessage PageFeed::scene() {
                        {"events", nlohmann::json::array()},
                        {"shownHrtc", core_.shown_hrtc()}};
   const StopProgress& stop = core_.stop_progress();
-  scene["stop"] = {{"requested", stop.is_requested}, {"hrtcs", stop.hrtcs}, {"stopped", stop.stopped}};
+  scene["stop"] = {
+      {"requested", stop.is_requested}, {"hrtcs", stop.hrtcs}, {"stopped", stop.stopped}, {"missing", stop.missing}};
   core_.roster().for_each([&](const session::RosterEntry& entry) {
     scene["participants"].push_back({{"name", entry.name},
                                      {"role", session::role_name(entry.role)},

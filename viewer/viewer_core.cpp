@@ -284,6 +284,7 @@ void ViewerCore::stop_forces(const std::string& reason, std::int64_t now_ns) {
 void ViewerCore::update_stop_progress() {
   StopProgress progress;
   progress.is_requested = own_stop_.has_value();
+  if (own_stop_) progress.missing = missing_of_own_stop();
   roster_.for_each([&](const session::RosterEntry& entry) {
     if (entry.role != session::Role::kHrtc) return;
     ++progress.hrtcs;
@@ -462,16 +463,19 @@ void ViewerCore::refine() {
   });
 }
 
+/// A program that has ended without a leave message never acknowledges the stop. After a reset, the stop is not
+/// repeated for it, because it would apply to programs that join.
+std::vector<std::string> ViewerCore::missing_of_own_stop() {
+  if (is_own_stop_reset_) return session::acknowledgement(roster_, *own_stop_).missing;
+  stop_recipients_.update(roster_);
+  return stop_recipients_.acknowledgement(*own_stop_).missing;
+}
+
 void ViewerCore::send_stop(std::int64_t now_ns, ViewerMessages& out) {
   if (!own_stop_ || !stop_repeat_.due(now_ns)) return;
   own_stop_->origin.time_ns = now_ns;
-  stop_recipients_.update(roster_);
-  // A program that has ended without a leave message never acknowledges the stop. After a reset, the stop is not
-  // repeated for it, because it would apply to programs that join.
-  const session::Acknowledgement answer =
-      is_own_stop_reset_ ? session::acknowledgement(roster_, *own_stop_) : stop_recipients_.acknowledgement(*own_stop_);
   // Discovery reports no end, so the stop is repeated for a while even if all known programs have acknowledged it.
-  if (now_ns - stop_requested_ns_ > kMinStopNs && answer.missing.empty())
+  if (now_ns - stop_requested_ns_ > kMinStopNs && missing_of_own_stop().empty())
     own_stop_.reset();
   else
     out.stop = own_stop_;

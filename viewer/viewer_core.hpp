@@ -101,6 +101,9 @@ struct StopProgress {
   bool is_requested = false;  ///< this viewer has sent a stop that not all hosts and HRTCs have acknowledged
   std::uint32_t hrtcs = 0;    ///< number of present HRTCs
   std::uint32_t stopped = 0;  ///< number of these in which a stop stands
+  /// Names of the hosts and HRTCs that have not acknowledged the stop of this viewer, also of those that have fallen
+  /// silent.
+  std::vector<std::string> missing;
   [[nodiscard]] bool operator==(const StopProgress&) const = default;
 };
 
@@ -227,6 +230,7 @@ class ViewerCore {
   void choose_users();
   void send_stop(std::int64_t now_ns, ViewerMessages& out);
   void update_stop_progress();
+  [[nodiscard]] std::vector<std::string> missing_of_own_stop();
 
   session::Origin self_;
   ViewerSettings settings_;

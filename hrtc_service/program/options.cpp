@@ -7,6 +7,8 @@
 #include <utility>
 #include <vector>
 
+#include "session/check.hpp"
+#include "session/printable.hpp"
 #include "spm/directory.hpp"
 #include "wire/address/command_line.hpp"
 #include "wire/address/finite_range.hpp"
@@ -180,13 +182,22 @@ void set_memory(const Arguments& given, HrtcOptions& options) {
                                                std::to_string(kMinSlots));
 }
 
+/// An HRTC with another name would send no roster entries, so that no program could stop it.
+void check_user(const std::string& user, const char* option) {
+  if (!session::is_partition(user))
+    throw CLI::ValidationError(option, "found user '" + session::printable(user) +
+                                           "', expected 1 to 63 bytes without control characters and * ? [ ] \\");
+}
+
 void set_users(const Arguments& given, HrtcOptions& options) {
   for (const std::string& replay : given.replays) {
     const auto [user, file] = parts_of(replay, "--replay", "USER=FILE");
+    check_user(user, "--replay");
     options.local_users.push_back({user, file, true});
   }
   for (const std::string& driver : given.drivers) {
     const auto [user, device] = parts_of(driver, "--device", "USER=DRIVER[,CONFIG]");
+    check_user(user, "--device");
     options.local_users.push_back({user, device, false});
   }
 }

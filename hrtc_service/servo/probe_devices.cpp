@@ -98,9 +98,9 @@ void ProbeDevices::write_local(Probe& probe, const ProbeOutput& output) const no
   const bool has_fault = (output.status & session::kFault) != 0;
   Vec3d at_hand = probe.strength * probe.frame.force_to_device(force);
   if (const double size = at_hand.norm(); !(size <= limits_.max_force)) at_hand *= limits_.max_force / size;
-  if (!at_hand.allFinite()) at_hand.setZero();  // the force, or the limit, is not finite
   if (probe.frame.scale() > 1 && probe.strength > 0 && !has_fault)
     at_hand = haptics::slewed(at_hand, probe.written, limits_.max_slew * limits_.period);
+  if (!at_hand.allFinite()) at_hand.setZero();  // the force, or a limit, is not finite
   probe.written = at_hand;
   probe.local->write_wrench(at_hand, probe.strength * probe.frame.torque_to_device(torque));
 }

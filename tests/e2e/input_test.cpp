@@ -167,6 +167,8 @@ TEST_F(WrongInputTest, IsRefusedByTheHrtc) {
           {{"--priority", "99"}, {"--priority", "98"}},
           {{"--wait-host", "soon"}, {"--wait-host", "soon"}},
           {{"--replay", "ann"}, {"--replay", "ann", "expected USER=FILE"}},
+          {{"--replay", "a*b=path.csv"}, {"--replay", "a*b", "expected 1 to 63 bytes"}},
+          {{"--device", "a\nb=driver.so"}, {"--device", "'a?b'", "without control characters"}},
           {{"--replay", "ann=" + path("missing.csv")}, {"missing.csv"}},
           {{"--replay", "ann=" + path("missing.csv"), "--log", path("new.log"), "--snapshot", path("new_shots")},
            {"missing.csv"}},

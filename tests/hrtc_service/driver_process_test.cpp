@@ -183,9 +183,11 @@ TEST_F(DriverProcessTest, AnOpenErrorNamesTheReasonOfTheDriver) {
 
 TEST_F(DriverProcessTest, RefusedCommandsAreReported) {
   DriverProcess device{with_defect("none"), record_end()};
-  ASSERT_TRUE(runs_until(device, 1000, [&](const DeviceState&) { return !reported_end().empty(); }));
-  EXPECT_THAT(reported_end(), AllOf(testing::StartsWith("device device with a defect: its process refused "),
-                                    HasSubstr(" commands above the limits of the device")));
+  // A report of slow calls may come first.
+  ASSERT_TRUE(runs_until(device, 1000, [&](const DeviceState&) {
+    return reported_end().find("device device with a defect: its process refused ") != std::string::npos;
+  }));
+  EXPECT_THAT(reported_end(), HasSubstr(" commands above the limits of the device"));
 }
 
 TEST_F(DriverProcessTest, TheForceIsZeroTenMsAfterTheLastCommand) {

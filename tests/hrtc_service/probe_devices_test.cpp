@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <cstring>
 #include <limits>
 #include <memory>
@@ -136,15 +137,19 @@ TEST_P(LocalDeviceTest, TheForceAtTheHandHasTheLimitsOfTheHrtc) {
 }
 
 TEST_P(LocalDeviceTest, ALimitThatIsNaNMakesTheForceZero) {
-  HandLimits limits;
-  limits.max_force = kNan;
-  const auto link = std::make_unique<DeviceLink>();
-  ProbeDevices devices{
-      *link, {&device_}, haptics::DeviceFrame{Eigen::Quaterniond::Identity(), Vec3d::Zero(), GetParam()}, limits};
-  outputs_[0].force = {1, 0, 0};
-  devices.read(now_ns_, inputs_);
-  devices.write(outputs_);
-  EXPECT_EQ(device_.written.norm(), 0);
+  HandLimits no_force, no_slew;
+  no_force.max_force = kNan;
+  no_slew.max_slew = kNan;
+  for (const HandLimits& limits : {no_force, no_slew}) {
+    if (GetParam() <= 1 && std::isnan(limits.max_slew)) continue;  // the renderer limits the slew
+    const auto link = std::make_unique<DeviceLink>();
+    ProbeDevices devices{
+        *link, {&device_}, haptics::DeviceFrame{Eigen::Quaterniond::Identity(), Vec3d::Zero(), GetParam()}, limits};
+    outputs_[0].force = {1, 0, 0};
+    devices.read(now_ns_, inputs_);
+    devices.write(outputs_);
+    EXPECT_EQ(device_.written.norm(), 0);
+  }
 }
 
 // With a larger scale, the renderer sees the speed in the world.

@@ -86,10 +86,22 @@ TEST_F(OfferedObjectsTest, AnObjectExistsUntilItsLastHostHasWithdrawnIt) {
   withdrawn.withdrawn = true;
   add(withdrawn);
   EXPECT_EQ(host_of("organ"), "museum");
-  objects_.remove(origin_of("museum", 2));
-  EXPECT_EQ(host_of("organ"), "museum") << "another program with this name has left";
+  objects_.remove(origin_of("cellar"));
+  EXPECT_EQ(host_of("organ"), "museum") << "another program has left";
   objects_.remove(origin_of("museum"));
   EXPECT_EQ(host_of("organ"), "");
+}
+
+TEST_F(OfferedObjectsTest, AnObjectOfAnEarlierProcessEndsWhenItsHostHasStartedAgain) {
+  add(entry_of("museum", "organ"));
+  objects_.remove_earlier(origin_of("museum", 1));
+  EXPECT_EQ(host_of("organ"), "museum");
+  objects_.remove_earlier(origin_of("museum", 2));
+  EXPECT_EQ(host_of("organ"), "");
+  add(entry_of("museum", "organ"));
+  add(entry_of("museum", "organ", 2));
+  objects_.remove(origin_of("museum", 2));
+  EXPECT_EQ(host_of("organ"), "") << "the offer of the earlier process too";
 }
 
 TEST_F(OfferedObjectsTest, OffersOfAbsentProgramsMakeRoomForNewOnes) {

@@ -249,9 +249,14 @@ class SessionTest(FolderTest):
         session.stop_forces("found all", timeout=30)
         ended = threading.Event()
 
+        failures = []
+
         def stop():
-            while not ended.is_set():
-                other.stop_forces("again", timeout=30)
+            try:
+                while not ended.is_set():
+                    other.stop_forces("again", timeout=30)
+            except Exception as failure:
+                failures.append(failure)
         issuer = threading.Thread(target=stop)
         issuer.start()
 
@@ -267,6 +272,7 @@ class SessionTest(FolderTest):
         finally:
             ended.set()
             issuer.join()
+            self.assertEqual(failures, [])
         session.wait(lambda: not is_refused(), 30)  # its roster may get the last stop later than that of the other
 
     def test_a_stop_without_an_hrtc_names_what_is_missing(self):

@@ -37,7 +37,7 @@ TEST(Ros2TargetsTest, APoseInAnotherFrameHasAFault) {
 TEST(Ros2TargetsTest, AFaultContainsNoControlCharacterOfAFrame) {
   PoseStamped other = target();
   other.header.frame_id = "a\n\x1b[2J\x7f\xc2\x9b";
-  EXPECT_EQ(fault_of(other, "world"), "found frame 'a??[2J??', expected 'world'");
+  EXPECT_EQ(fault_of(other, "world"), "found frame 'a?\?[2J?\?', expected 'world'");
 }
 
 TEST(Ros2TargetsTest, APositionThatIsFarOrNotFiniteIsAFault) {

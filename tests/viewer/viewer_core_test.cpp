@@ -1,5 +1,7 @@
 #include "viewer/viewer_core.hpp"
 
+#include <gmock/gmock.h>
+
 #include <nlohmann/json.hpp>
 #include <set>
 
@@ -219,6 +221,7 @@ TEST_F(ViewerCoreTest, AStopIsRepeatedForAnHrtcThatIsGoneUntilAReset) {
   viewer_.stop_forces("a test", now_ns_);
   run(2000 * kMs);
   EXPECT_EQ(viewer_.stop_progress().hrtcs, 0u) << "it is gone";
+  EXPECT_THAT(viewer_.stop_progress().missing, testing::ElementsAre("desk")) << "it may still exert forces";
   EXPECT_TRUE(viewer_.stop_progress().is_requested);
   const int sent = stops_sent_;
   run(500 * kMs);

@@ -104,11 +104,13 @@ function showPresence(participants) {
   element("connection").className = isEmpty ? "" : "open";
 }
 
-function showStop({ requested, hrtcs, stopped }) {
+function showStop({ requested, hrtcs, stopped, missing = [] }) {
   const banner = element("banner");
   banner.hidden = !requested && stopped === 0;
-  banner.textContent = stopped === hrtcs && hrtcs > 0 ? "All forces are stopped. `tactus control reset` starts them again."
-    : `${requested ? "Stop requested" : "Some forces are stopped"}: ${stopped} of ${hrtcs} HRTCs have stopped.`;
+  const isComplete = stopped === hrtcs && hrtcs > 0 && missing.length === 0;
+  banner.textContent = isComplete ? "All forces are stopped. `tactus control reset` starts them again."
+    : `${requested ? "Stop requested" : "Some forces are stopped"}: ${stopped} of ${hrtcs} HRTCs have stopped.`
+      + (missing.length > 0 ? ` Not acknowledged by ${missing.join(", ")}.` : "");
 }
 
 function showUsers() {
