@@ -2,6 +2,7 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <fstream>
 #include <sstream>
 #include <string>
@@ -14,9 +15,6 @@
 
 namespace tactus::bench {
 namespace {
-
-/// Age from which a burst counts as unfinished: the largest bound of the time of a burst.
-constexpr double kMaxBurstMs = 500;
 
 /// Number of IP fragments that the namespace of the constructing thread has received since its begin.
 struct ReceivedFragments {
@@ -64,18 +62,19 @@ RecordsRun run_records(const std::string& link, double seconds, std::size_t burs
   wait(seconds, stop);
   RecordsRun run;
   const auto bytes = static_cast<double>(sink->bytes() - received_before);
-  run.mbyte_per_s = bytes * 1e3 / static_cast<double>(realtime::monotonic_ns() - began);
+  const std::int64_t ended = realtime::monotonic_ns();
+  run.mbyte_per_s = bytes * 1e3 / static_cast<double>(ended - began);
   run.sent_per_received = bytes > 0 ? static_cast<double>(load->sent_bytes() - sent_before) / bytes : 0;
   Samples sizes;
+  std::int64_t last_ns = began, longest_gap_ns = 0;
   for (const latency::MeshSink::Burst& burst : sink->take_bursts()) {
     run.burst_ms.add(burst.ms);
     sizes.add(static_cast<double>(burst.bytes) * 1e-3);
+    longest_gap_ns = std::max(longest_gap_ns, burst.end_ns - last_ns);
+    last_ns = burst.end_ns;
   }
+  run.longest_gap_ms = static_cast<double>(std::max(longest_gap_ns, ended - last_ns)) * 1e-6;
   run.burst_kb = sizes.mean();
-  if (sink->open_burst_ms() > kMaxBurstMs) {
-    run.burst_ms.add(kUnfinished);
-    ++run.unfinished;
-  }
   for (const netem::Side side : {netem::Side::kA, netem::Side::kB})
     run.fragments += make_in_namespace<ReceivedFragments>(pair, side)->count;
   return run;

@@ -12,7 +12,7 @@ namespace tactus::bench {
 
 struct RecordsRun {
   Samples burst_ms;              ///< time from the request of a burst of regions to the arrival of the last of them
-  std::size_t unfinished = 0;    ///< bursts that were not complete at the end and older than 0.5 s; kUnfinished above
+  double longest_gap_ms = 0;     ///< longest time of the measurement in which no burst became complete
   double burst_kb = 0;           ///< mean size of a burst
   double mbyte_per_s = 0;        ///< payload of complete messages received per second, MB/s
   double sent_per_received = 0;  ///< payload sent divided by payload of complete messages received

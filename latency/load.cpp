@@ -188,8 +188,7 @@ void MeshSink::on_sample(const session::DeliveryClient::Message& message, std::i
   if (min_burst_ == 0 || !wanted_.empty()) return;
   {
     const std::lock_guard lock{mutex_};
-    bursts_.push_back({static_cast<double>(at_ns - burst_ns_) * 1e-6, burst_bytes_});
-    open_since_ns_ = 0;
+    bursts_.push_back({static_cast<double>(at_ns - burst_ns_) * 1e-6, at_ns, burst_bytes_});
   }
   client_.set_wanted(message.object_id, {});  // otherwise the host would send regions again that are evicted
   if (burst_bytes_ < min_burst_) ++burst_regions_;
@@ -218,10 +217,6 @@ void MeshSink::request_next_regions(std::int64_t now_ns) {
   absent_.erase(absent_.begin(), absent_.begin() + static_cast<std::ptrdiff_t>(count));
   burst_ns_ = now_ns;
   burst_bytes_ = 0;
-  if (min_burst_ > 0) {
-    const std::lock_guard lock{mutex_};
-    open_since_ns_ = now_ns;
-  }
   std::vector<session::Wanted> all;
   for (const std::uint32_t region : wanted_) all.push_back({region, static_cast<std::uint32_t>(all.size())});
   client_.set_wanted(object, std::move(all));
@@ -232,11 +227,6 @@ double MeshSink::bytes_per_s() { return latency::bytes_per_s(bytes_, first_ns_, 
 std::vector<MeshSink::Burst> MeshSink::take_bursts() {
   const std::lock_guard lock{mutex_};
   return std::exchange(bursts_, {});
-}
-
-double MeshSink::open_burst_ms() {
-  const std::lock_guard lock{mutex_};
-  return open_since_ns_ == 0 ? 0 : static_cast<double>(realtime::monotonic_ns() - open_since_ns_) * 1e-6;
 }
 
 }  // namespace tactus::latency

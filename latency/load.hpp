@@ -69,13 +69,12 @@ class MeshSink final : public LoadSink {
   [[nodiscard]] double bytes_per_s() override;
   [[nodiscard]] std::uint64_t bytes() const noexcept { return bytes_; }
   struct Burst {
-    double ms;  ///< from the request to the arrival of the last region
+    double ms;            ///< from the request to the arrival of the last region
+    std::int64_t end_ns;  ///< arrival of the last region, monotonic
     std::size_t bytes;
   };
   /// Returns the complete bursts since the last call.
   [[nodiscard]] std::vector<Burst> take_bursts();
-  /// Returns the time since the request of the burst that is not complete; 0 if there is none.
-  [[nodiscard]] double open_burst_ms();
 
  private:
   using Sample = std::variant<session::CatalogueEntry, session::BulkChunk>;
@@ -105,7 +104,6 @@ class MeshSink final : public LoadSink {
   std::size_t burst_bytes_ = 0, burst_regions_ = 8;
   std::mutex mutex_;
   std::vector<Burst> bursts_;
-  std::int64_t open_since_ns_ = 0;  // request of the burst that is not complete; 0: none
   std::atomic<std::uint64_t> bytes_{0};
   std::atomic<std::int64_t> first_ns_{0}, last_ns_{0};
   std::atomic<bool> stop_{false};
