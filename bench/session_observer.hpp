@@ -1,6 +1,7 @@
 /// Observes a running session: measures the ages and counts of probe states, and records exact contacts and metrics.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <map>
 #include <mutex>
@@ -37,6 +38,13 @@ class SessionObserver {
     const std::lock_guard lock{mutex_};
     user_with_ages_ = session::id_of(user);
     ages_ = ages;
+    last_age_ns_ = realtime::monotonic_ns();
+    longest_silence_ns_ = 0;
+  }
+  /// Returns the longest time without a probe state of the user of `add_ages_of`, from that call until now, ms.
+  [[nodiscard]] double longest_silence_ms() const {
+    const std::lock_guard lock{mutex_};
+    return static_cast<double>(std::max(longest_silence_ns_, realtime::monotonic_ns() - last_age_ns_)) * 1e-6;
   }
   /// Adds each value of the figure `name` that arrives to `values`, until the next call. Null: adds no values.
   void add_values_of(const std::string& name, Samples* values) {
@@ -81,8 +89,13 @@ class SessionObserver {
 
   void on_state(const session::ProbeState& state) {
     const std::lock_guard lock{mutex_};
-    const double age_us = static_cast<double>(realtime::monotonic_ns() - state.origin.time_ns) / 1e3;
-    if (ages_ != nullptr && state.user_id == user_with_ages_) ages_->add(age_us);
+    const std::int64_t now_ns = realtime::monotonic_ns();
+    const double age_us = static_cast<double>(now_ns - state.origin.time_ns) / 1e3;
+    if (ages_ != nullptr && state.user_id == user_with_ages_) {
+      ages_->add(age_us);
+      longest_silence_ns_ = std::max(longest_silence_ns_, now_ns - last_age_ns_);
+      last_age_ns_ = now_ns;
+    }
     if (counting_) {
       delivery_.ages_us.add(age_us);
       ++counts_[state.origin.participant].arrived;
@@ -109,6 +122,7 @@ class SessionObserver {
   mutable std::mutex mutex_;
   std::uint64_t user_with_ages_ = 0;
   Samples* ages_ = nullptr;
+  std::int64_t last_age_ns_ = 0, longest_silence_ns_ = 0;
   std::string figure_with_values_;
   Samples* values_ = nullptr;
   bool counting_ = false;
