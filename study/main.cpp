@@ -132,8 +132,15 @@ int run(const Options& options, const std::string& command, const std::atomic<bo
   };
   runner.on_run = [&](const FinishedRun& finished) {
     const Run& run = finished.run;
+    try {
+      // The study never repeats a run of the log, so the traces precede it.
+      if (options.trace) write_traces(folder / "traces", run, finished.traces);
+    } catch (const std::exception& error) {
+      log.add(run);
+      throw std::runtime_error("the traces of " + run.scenario + " over " + run.profile + ", seed " +
+                               std::to_string(run.seed) + ", could not be written: " + error.what());
+    }
     log.add(run);
-    if (options.trace) write_traces(folder / "traces", run, finished.traces);
     std::fprintf(stderr, "[%zu/%zu] %s over %s, seed %llu\n", finished.done, finished.all,
                  session::printable(run.scenario).c_str(), run.profile.c_str(),
                  static_cast<unsigned long long>(run.seed));
