@@ -149,7 +149,7 @@ int run(const Options& options, const std::string& command, const std::atomic<bo
   try {
     run_all(study, experiments, runner, cancelled);
   } catch (const std::exception& error) {
-    failure = error.what();
+    failure = session::printable(error.what());
     std::fprintf(stderr, "tactus-study: %s\n", failure.c_str());
   }
 
