@@ -197,6 +197,7 @@ void Operator::run_stage(double dt, const Objects& objects) {
       release();
       return;
     case Stage::kWait:
+      loss_time_ = is_holding_ ? 0 : loss_time_ + dt;
       if (stage_time_ >= action.seconds) next_action();
       return;
   }

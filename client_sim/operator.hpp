@@ -178,7 +178,7 @@ class Operator {
   double stage_time_ = 0;                  // s since the stage began
   double followed_time_ = 0;               // s of kFollow in this action
   std::uint32_t attempts_ = 0, taps_ = 0;  // in this action
-  double loss_time_ = 0;                   // s since the loss of contact; in kMove, of the hold
+  double loss_time_ = 0;                   // s since the loss of contact; in kMove and kWait, of the hold
   bool is_leaving_ = false;                // the route leads away from the object and ends the action
 
   // Motion of the hand. `hand_` is the target of the device, which lags behind it and stops at surfaces.

@@ -132,8 +132,8 @@ void Operator::move_object(const Action& action, double dt) {
 }
 
 void Operator::start_release() {
-  // A move counts the loss of its hold itself, and ends the hold. After a wait, the loss shows only here.
-  if (!is_holding_) ++tally_.grabs_lost;
+  // A move counts the loss of its hold itself, and ends the hold. After a wait, the loss is counted only here.
+  if (loss_time_ > kMaxContactLoss) ++tally_.grabs_lost;
   stage_ = Stage::kRelease;
   buttons_ = 0;
 }
