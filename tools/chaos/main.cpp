@@ -122,10 +122,12 @@ class Run {
     std::printf("seed %llu, %g s of faults in session %s with %s\n", static_cast<unsigned long long>(options_.seed),
                 options_.seconds, options_.address.session.c_str(),
                 session::printable(observer_.health().reference_text()).c_str());
+    bool has_selected = false;  // a fault
     try {
       while (monotonic_ns() < end_ns) {
         if (static_cast<double>(monotonic_ns() - begin_ns) * 1e-9 >= kWarmUp * options_.seconds) measure_programs();
         const Fault fault = plan.next(found_programs());
+        has_selected = true;
         observer_.receive_for(fault.pause);
         std::printf("%7.1f s  %s", static_cast<double>(monotonic_ns() - begin_ns) * 1e-9,
                     session::printable(text(fault)).c_str());
@@ -133,8 +135,8 @@ class Run {
         apply(fault);
       }
     } catch (const NoPossibleFault& error) {
-      // Without a fault so far, the input is wrong. Ctrl-C may also have ended all programs of the session.
-      if ((recoveries_.empty() && unrecovered_ == 0) || realtime::stop_signal()) throw;
+      // If there never was a possible fault, the input is wrong. Ctrl-C may also have ended all programs of the session.
+      if (!has_selected || realtime::stop_signal()) throw;
       ++unrecovered_;
       std::printf("NOT RECOVERED: %s\n", session::printable(error.what()).c_str());
     } catch (const NotRestarted& error) {
