@@ -37,7 +37,7 @@ double ForceChecker::check(const trace::FlightProbe& probe, const char* what, co
   const bool is_old = probe.pose_age > start_.zero_force_age + kAgeTolerance;
   if ((is_off || is_old) && size > 0)
     report(probe.cycle, name + (is_off ? " acts in spite of a fault" : " acts on a pose that is too old"));
-  // Only a fault, or a pose that is too old, switches a force off at once.
+  // For a fixed object, only a fault, or a pose that is too old, switches a force off at once.
   const bool may_end = is_off || probe.pose_age >= start_.zero_force_age - kAgeTolerance;
   if (!(size == 0 && may_end) && step > slew * start_.period + kTolerance)
     report(probe.cycle, name + " changes faster than its slew limit");

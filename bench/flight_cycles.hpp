@@ -15,8 +15,8 @@
 
 namespace tactus::bench {
 
-/// Some cycles of the recording: those that begin in this time, monotonic ns. The interval before the first of them
-/// belongs to the window too, because it contains the begin of the window.
+/// Some cycles of the recording: those that start in this time, monotonic ns. The interval before the first of them
+/// belongs to the window too, because it contains the start of the window.
 struct Window {
   std::int64_t begin_ns, end_ns;
 };

@@ -80,7 +80,8 @@ double Link::jitter(std::int64_t at_ns, const std::array<double, 2>& noise) {
     smooth_jitter_ = first;
     smooth_jitter_rate_ = second;
   } else {
-    // A new profile with a higher rate may send a frame earlier than the old one sent the frame before it.
+    // After an increase of the rate, a frame may leave the queue earlier than its predecessor, so `a` would be
+    // negative.
     const double a = std::max(0.0, static_cast<double>(at_ns - smooth_jitter_ns_) * 1e-6 / kJitterCorrelationMs);
     const double decay = std::exp(-a);
     const double x = decay * ((1 + a) * smooth_jitter_ + a * smooth_jitter_rate_);

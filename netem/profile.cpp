@@ -11,12 +11,12 @@ namespace {
 
 constexpr double kAToBShare = 0.7;  // asymmetric variant: share of the round trip's delay and jitter from a to b
 
-/// `of_high`: what sets the upper limit, or another value that is valid, for the message.
+/// `note`: text after the range: the reason for the upper limit, or a further valid value.
 void check_range(const std::string& link, const char* what, double value, double low, double high,
-                 const char* of_high = "") {
+                 const char* note = "") {
   if (value >= low && value <= high) return;
   char text[160];
-  std::snprintf(text, sizeof text, "%s is %g; expected %g to %g%s", what, value, low, high, of_high);
+  std::snprintf(text, sizeof text, "%s is %g; expected %g to %g%s", what, value, low, high, note);
   throw LinkError("link " + link + ": " + text);
 }
 

@@ -135,7 +135,7 @@ class Run {
         apply(fault);
       }
     } catch (const NoPossibleFault& error) {
-      // If there never was a possible fault, the input is wrong. Ctrl-C may also have ended all programs of the session.
+      // Without any possible fault, the input is wrong. Ctrl-C may also have ended all programs of the session.
       if (!has_selected || realtime::stop_signal()) throw;
       ++unrecovered_;
       std::printf("NOT RECOVERED: %s\n", session::printable(error.what()).c_str());
@@ -245,7 +245,7 @@ class Run {
     wait_for_recovery(fault, monotonic_ns());
   }
 
-  /// What the session recovers from: a fault of this program, or the end of a program by another cause, which is not
+  /// The cause of an interruption: a fault of this program, or the end of a program by another cause, which is not
   /// counted as a fault.
   enum class Cause { kFault, kOther };
 

@@ -208,7 +208,7 @@ int print_samples(const Options& options, const std::atomic<bool>& cancelled) {
     has_hinted = true;
     std::cerr << "tactus-watch: no sample yet of " << printer.search() << '\n';
   }
-  // Those that arrived before the end, but after the last look or before the first one.
+  // Prints the samples that arrived after the last call, or before the first one.
   if (!print_arrived(std::chrono::milliseconds{0})) return tools::failed_output_status("tactus-watch", errno);
   if (inbox.dropped() > 0)
     std::cerr << "tactus-watch: dropped " << inbox.dropped()
