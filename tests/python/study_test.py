@@ -52,6 +52,18 @@ class StudyTest(FolderTest):
         with open(out / "results.csv", newline="") as file:
             self.assertEqual({row["link"] for row in csv.DictReader(file)}, {"P0"})
 
+    def test_a_run_stays_in_the_log_although_its_traces_cannot_be_written(self):
+        out = self.folder / "out"
+        out.mkdir()
+        (out / "traces").write_text("")  # a file instead of the folder
+        process = subprocess.run([BIN / "tactus-study", "--scenarios", "tap-wall", "--only", "tap-wall", "--profiles",
+                                  "P0", "--seeds", "1", "--jobs", "1", "--trace", "--out", out], capture_output=True,
+                                 text=True)
+        self.assertEqual(process.returncode, 1, process.stderr)
+        self.assertIn("the traces of tap-wall over P0, seed 1, could not be written", process.stderr)
+        with open(out / "results.csv", newline="") as file:
+            self.assertEqual({row["link"] for row in csv.DictReader(file)}, {"P0"})
+
     def test_means_are_those_of_the_runs(self):
         result = self.study().run(jobs=1)
         for row in result.table:
