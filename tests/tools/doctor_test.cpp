@@ -242,6 +242,12 @@ TEST(DoctorProgram, ReportsASilentDiscoveryServer) {
   EXPECT_THAT(doctor.output(), HasSubstr("did not find each other through 127.0.0.1:9"));
 }
 
+TEST(DoctorProgram, FailsIfItsOutputCannotBeWritten) {
+  e2e::Process doctor{{"/bin/sh", "-c", "exec \"$0\" --vulnerabilities > /dev/full", TACTUS_DOCTOR}};
+  EXPECT_EQ(doctor.wait(), 1);
+  EXPECT_THAT(doctor.output(), HasSubstr("cannot write the output: No space left on device"));
+}
+
 TEST(DoctorProgram, RefusesWrongInput) {
   for (const char* option : {"--domain=99", "--qos=/nowhere", "--seconds=0", "--priority=99"}) {
     e2e::Process doctor{{TACTUS_DOCTOR, option}};
