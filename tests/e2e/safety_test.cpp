@@ -130,15 +130,16 @@ TEST_F(SafetyTest, ALocalStopSignalsEveryHrtcOfTheMachineAndNoOtherProgram) {
   const std::string program_of_hrtc = path("tactus-hrtc");
   std::filesystem::copy_file("/bin/sleep", program_of_hrtc);
   Process machine{{"/usr/bin/unshare", "--pid", "--fork", "--mount-proc", "bash", "-c", R"(
+      exec 3>&2 2>/dev/null  # without the messages of the shell on the signals
       "$0" 60 & first=$!
       "$0" 60 & second=$!
       sleep 60 & other=$!
       for one in $first $second; do until [[ $(</proc/$one/comm) == tactus-hrtc ]]; do sleep 0.01; done; done
-      "$1" stop --local; echo "local stop $?"
+      "$1" stop --local 2>&3; echo "local stop $?"
       wait $first; echo "first $?"
       wait $second; echo "second $?"
       kill $other; wait $other; echo "other $?"
-      "$1" stop --local; echo "local stop $?")",
+      "$1" stop --local 2>&3; echo "local stop $?")",
                    program_of_hrtc, program("control", {}).front()}};
   EXPECT_TRUE(exits_with(0, machine));
   const std::string output = machine.output();
