@@ -54,6 +54,9 @@ RecordsRun run_records(const std::string& link, double seconds, std::size_t burs
   for (int i = 0; i < 2000 && !load->matched() && !stop; ++i) wait(0.01, stop);
   if (!load->matched()) throw netem::LinkError("the two sides have not discovered each other over " + link);
   load->start();
+  // Where the link loses many frames, discovery takes seconds.
+  for (int i = 0; i < 3000 && sink->bytes() == 0 && !stop; ++i) wait(0.01, stop);
+  if (sink->bytes() == 0) throw netem::LinkError("no records have arrived within 30 s over " + link);
   wait(seconds / 5, stop);
 
   (void)sink->take_bursts();

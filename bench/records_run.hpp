@@ -20,9 +20,9 @@ struct RecordsRun {
 };
 
 /// Requests regions over `link` (netem::parse_link) for `seconds`. Requests them in bursts of about `burst_bytes`, or
-/// continuously if `burst_bytes` is 0. A fifth of `seconds` precedes the measurement; in it the pacer adapts to the
-/// link. `seed`: of the emulated link. Ends early if `stop` becomes true. Needs root. Throws LinkError and
-/// WireError.
+/// continuously if `burst_bytes` is 0. A fifth of `seconds` after the first records precedes the measurement; in it the
+/// pacer adapts to the link. `seed`: of the emulated link. Ends early if `stop` becomes true. Needs root. Throws
+/// LinkError, also if no records arrive within 30 s, and WireError.
 [[nodiscard]] RecordsRun run_records(const std::string& link, double seconds, std::size_t burst_bytes,
                                      std::uint64_t seed, const std::atomic<bool>& stop);
 
