@@ -1,3 +1,4 @@
+/// Limits what a tool stores of the samples of a session. O(log size), any thread.
 #pragma once
 
 #include <cstddef>

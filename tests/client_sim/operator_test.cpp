@@ -187,6 +187,16 @@ TEST(Operator, SendsNothingBeforeItsFirstProbeState) {
   EXPECT_FALSE(ann.tick(1'000'000'000, {}).has_value());
 }
 
+/// Sets the state of a probe at a table, whose surface has a height of 0.1 m. SI.
+void touch_table(const std::array<double, 3>& position, std::int64_t now_ns, session::ProbeState& state) {
+  state.session_time_ns = now_ns;
+  state.device.position = position;
+  const double depth = 0.1 - position[2];
+  state.proxy = {position[0], position[1], std::max(position[2], 0.1)};
+  state.force = {0, 0, std::max(0.0, 250 * depth)};
+  state.status = depth > 0 ? session::kInContact : 0u;
+}
+
 TEST(Operator, TiltsWhileItFollowsAndReturnsUprightWithoutAStep) {
   Operator ann{user_with("      - follow: {object: body, seconds: 6, lean: 0.8}\n      - retreat: {}\n"), {}};
   ObjectView view;
@@ -209,14 +219,7 @@ TEST(Operator, TiltsWhileItFollowsAndReturnsUprightWithoutAStep) {
     previous = orientation;
     if (intent->path.size() > 1)
       max_ahead = std::max(max_ahead, orientation_of(intent->path[1]).angularDistance(orientation));
-    // The surface is a table at a height of 0.1 m.
-    const auto& target = intent->path[0].pose.position;
-    state.session_time_ns = now;
-    state.device.position = target;
-    const double depth = 0.1 - target[2];
-    state.proxy = {target[0], target[1], std::max(target[2], 0.1)};
-    state.force = {0, 0, std::max(0.0, 250 * depth)};
-    state.status = depth > 0 ? session::kInContact : 0u;
+    touch_table(intent->path[0].pose.position, now, state);
     ann.on_probe_state(state);
   }
   EXPECT_TRUE(ann.done());
@@ -240,14 +243,7 @@ TEST(Operator, CountsAHoldThatIsLostWhileItWaits) {
     for (std::int64_t now = 1'000'000'000; now < 20'000'000'000 && !ann.done(); now += 10'000'000) {
       const auto intent = ann.tick(now, {{"body", view}});
       if (!intent) continue;
-      // The surface is a table at a height of 0.1 m.
-      const auto& target = intent->path[0].pose.position;
-      state.session_time_ns = now;
-      state.device.position = target;
-      const double depth = 0.1 - target[2];
-      state.proxy = {target[0], target[1], std::max(target[2], 0.1)};
-      state.force = {0, 0, std::max(0.0, 250 * depth)};
-      state.status = depth > 0 ? session::kInContact : 0u;
+      touch_table(intent->path[0].pose.position, now, state);
       if ((intent->buttons & haptics::kGrabButton) != 0) {
         ++pressed_ticks;
         const bool is_lost = without == Without::kAllStates ||

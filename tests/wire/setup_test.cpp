@@ -322,7 +322,7 @@ TEST(LocalAddresses, ThatAMachineHasLostAreForgotten) {
     EXPECT_TRUE(local.contains(locator("10.99.0.2"), now_ns + 6'000'000'000));
     EXPECT_TRUE(local.contains(locator("127.0.0.1"), now_ns));
   }}.join();
-  if (!has_namespace) GTEST_SKIP() << "no network namespace";
+  if (!has_namespace) GTEST_SKIP() << "no network namespace, which needs root";
 }
 
 TEST(ProbeThreads, ReportWhetherTheirPriorityIsGranted) {
