@@ -3,6 +3,7 @@
 #include <sys/socket.h>
 
 #include <fstream>
+#include <iostream>
 
 #include "netem/pair.hpp"
 #include "tests/e2e/session_test.hpp"
@@ -85,15 +86,22 @@ TEST_F(DiscoveryTest, AServerThatRestartsAfterItsLeaseConnectsOldAndNewClients) 
   Process desk{hrtc("desk") + use_server};
   ASSERT_TRUE(desk.wait_for_line("host 'museum' joined")) << server->output();
   EXPECT_TRUE(insider.lost_servers().empty());
-  server->signal(SIGKILL);
-  EXPECT_EQ(server->wait(), 128 + SIGKILL);
-  EXPECT_TRUE(lost_within_10_s({"localhost:" + port}));
-  std::this_thread::sleep_for(1s);  // the leases of the other programs end within this time, which no event reports
-  server = std::make_unique<Process>(server_command(port));
-  EXPECT_TRUE(lost_within_10_s({}));
-  // Discovery usually takes 0.5 s. In one of about 90 runs, when the machine stalled, Fast DDS needed 27 s.
-  Process users{sim(kOneTouch, {"--patience", "80"}) + use_server};
-  EXPECT_EQ(users.wait(100s), 0) << users.output() << desk.output() << museum.output();
+  // Discovery usually takes 0.5 s. Fast DDS 2.9.1 needed 27 s after one of about 90 restarts, and after another one the
+  // new program discovered nobody within 80 s. docs/how-to/network.md says to start the server again then.
+  constexpr int kMaxRestarts = 2;
+  bool discovered = false;
+  for (int restart = 1; !discovered && restart <= kMaxRestarts; ++restart) {
+    server->signal(SIGKILL);
+    EXPECT_EQ(server->wait(), 128 + SIGKILL);
+    EXPECT_TRUE(lost_within_10_s({"localhost:" + port}));
+    std::this_thread::sleep_for(1s);  // the leases of the other programs end within this time, which no event reports
+    server = std::make_unique<Process>(server_command(port));
+    EXPECT_TRUE(lost_within_10_s({}));
+    Process users{sim(kOneTouch, {"--patience", "40"}) + use_server};
+    discovered = users.wait(60s) == 0;
+    if (!discovered) std::cout << users.output() << desk.output() << museum.output() << server->output();
+  }
+  EXPECT_TRUE(discovered);
 }
 
 TEST_F(DiscoveryTest, ANewProgramFindsTheOthersThroughOneOfTwoServers) {
