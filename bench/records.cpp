@@ -88,9 +88,8 @@ EdgeCollapses with_moving_vertices(Collapses collapses, const Dependencies& half
         last_record[face] = id;
       }
       for (std::uint32_t k = c.first_moved; k < end.first_moved; ++k) {
-        const spm::DeformedRef moved = segment.moved[k];
-        const std::uint32_t face = index(moved.face());
-        corners[face][moved.corner()] = c.u;
+        const std::uint32_t face = segment.moved[k].face();
+        std::replace(corners[face].begin(), corners[face].end(), c.t, c.u);
         stars.remove(c.t, face);
         stars.add(c.u, face);
       }
@@ -164,13 +163,12 @@ Bisection bisection(std::uint32_t k) {
       const auto u_at = static_cast<std::uint32_t>(std::find(triangle.begin(), triangle.end(), u) - triangle.begin());
       if (std::find(triangle.begin(), triangle.end(), t) != triangle.end()) {
         const bool t_next = triangle[(u_at + 1) % 3] == t;
-        segment.removed_faces.push_back(
-            spm::BornRef::make(spm::FaceId{face}, 2 * u_at + (t_next ? 0 : 1), !touched[face]));
+        segment.removed_faces.push_back(spm::BornRef::make(spm::FaceId{face}, t_next ? 0 : 1, !touched[face]));
         segment.removed_third_corners.push_back(triangle[(u_at + (t_next ? 2 : 1)) % 3]);
         for (const std::uint32_t v : Triangle{triangle}) stars.remove(v, face);
         removed[face] = true;
       } else {
-        segment.moved.push_back(spm::DeformedRef::make(spm::FaceId{face}, u_at, !touched[face]));
+        segment.moved.emplace_back(face, u_at, !touched[face]);
         triangle[u_at] = t;
         stars.remove(u, face);
         stars.add(t, face);

@@ -207,7 +207,7 @@ bool Cache::add_to_list(Slot first_slot) noexcept {
     for (std::uint32_t i = 0; i < part.born_count; ++i)
       if (!is_listed(part.born_x[i])) return false;
     for (std::uint32_t i = 0; i < part.deformed_count; ++i)
-      if (!is_listed(slot_of(part.deformed[i].face()))) return false;
+      if (!is_listed(slot_of(part.deformed(i).face()))) return false;
   }
   for (Slot slot = first_slot; slot != kNone; slot = pool_.parts[slot].next) listed_in_[slot] = list_number_;
   return true;
@@ -218,8 +218,9 @@ void Cache::free_record(ObjectIndex object, Slot first_slot) noexcept {
   for (Slot slot = first_slot; slot != kNone;) {
     const LoadedPart& part = pool_.parts[slot];
     TACTUS_CHECK(pool_.state[slot].bits == 0);
-    for (int i = 0; i < part.deformed_count; ++i) {
-      const Front::CornerRef corner{part.deformed[i].face(), part.deformed[i].corner()};
+    for (std::uint32_t i = 0; i < part.deformed_count; ++i) {
+      const LoadedPart::DeformedRef ref = part.deformed(i);
+      const Front::CornerRef corner{ref.face(), ref.corner()};
       TACTUS_CHECK(front_.corners(corner.face)[corner.corner] == first_slot);
       front_.set_corner(corner, part.parent);
     }

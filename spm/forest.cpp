@@ -171,7 +171,7 @@ void Forest::prefetch_records(const PackedSlot* slots, std::uint32_t count, bool
     const LoadedPart& part = parts[slot];
     prefetch(&rows[row_of(slot, 0)]);
     prefetch(&vertices[splitting ? slot : part.parent]);
-    for (int k = 0; k < part.deformed_count; ++k) prefetch(&rows[part.deformed[k].face()]);
+    for (std::uint32_t k = 0; k < part.deformed_count; ++k) prefetch(&rows[part.deformed(k).face()]);
     if (!splitting) continue;
     for (int k = 0; k < part.born_count; ++k) {
       tree_.prefetch_entry(part.born[k].face());
@@ -181,8 +181,10 @@ void Forest::prefetch_records(const PackedSlot* slots, std::uint32_t count, bool
   for (std::uint32_t i = 0; i < changes; ++i) {
     const Slot slot = changing[i];
     const LoadedPart& part = parts[slot];
-    for (int k = 0; k < part.deformed_count; ++k)
-      tree_.prefetch_update(rows[part.deformed[k].face()], part.deformed[k].corner());
+    for (std::uint32_t k = 0; k < part.deformed_count; ++k) {
+      const LoadedPart::DeformedRef ref = part.deformed(k);
+      tree_.prefetch_update(rows[ref.face()], ref.corner());
+    }
     for (std::uint32_t k = 0; k < part.born_count; ++k) {
       if (splitting)
         tree_.prefetch_insert(part.born[k].face());
@@ -232,7 +234,7 @@ void Forest::collapse(Slot slot) noexcept {
     const LoadedPart& part = parts[at];
     for (std::uint32_t i = 0; i < part.born_count; ++i) tree_.remove(row_of(at, i));
     for (std::uint32_t i = 0; i < part.deformed_count; ++i) {
-      const LoadedPart::DeformedRef ref = part.deformed[i];
+      const LoadedPart::DeformedRef ref = part.deformed(i);
       tree_.update(ref.face(), ref.corner(), vertex, false);
     }
   }

@@ -34,34 +34,34 @@ template <class Face, class Vertex, class Stored>
 void LoadedFront<Face, Vertex, Stored>::link_split(const Split& split) noexcept {
   if (split.deformed_count_ > Split::kMaxDeformed || split.born_count_ > Split::kMaxBorn) return;
   using Born = typename Split::Born;
-  const auto at = [](const Born& born, int corner) { return number({born.face, static_cast<std::uint32_t>(corner)}); };
+  const auto at_u = [](const Born& born) { return number({born.face, 0}); };
+  const auto at_t = [](const Born& born) { return number({born.face, corner_of_t(born.order)}); };
+  const auto at_x = [](const Born& born) { return number({born.face, corner_of_x(born.order)}); };
   for (std::uint32_t i = 0; i < split.born_count_; ++i) {
     const Born& born = split.born_[i];
-    const Vertex x = corners(born.face)[static_cast<std::size_t>(born.at.x)];
+    const Vertex x = corners(born.face)[corner_of_x(born.order)];
     CornerRef side{};  // the corner of f opposite to the edge (u, x)
     int found = 0;
     for (std::uint32_t k = 0; k < split.deformed_count_; ++k) {
       const CornerRef d = split.deformed_[k];
-      if (corners(d.face)[born.even ? next_corner(d.corner) : previous_corner(d.corner)] != x) continue;
-      side = {d.face, born.even ? previous_corner(d.corner) : next_corner(d.corner)};
+      if (corners(d.face)[born.order == 0 ? next_corner(d.corner) : previous_corner(d.corner)] != x) continue;
+      side = {d.face, born.order == 0 ? previous_corner(d.corner) : next_corner(d.corner)};
       ++found;
     }
     if (found != 1) continue;
-    link(at(born, born.at.u), opposite(number(side)));  // across (t, x) is g
-    link(at(born, born.at.t), number(side));            // across (u, x) is f
+    link(at_u(born), opposite(number(side)));  // across (t, x) is g
+    link(at_t(born), number(side));            // across (u, x) is f
   }
-  if (split.born_count_ == 2 && split.born_[0].even != split.born_[1].even) {
-    link(at(split.born_[0], split.born_[0].at.x), at(split.born_[1], split.born_[1].at.x));
+  if (split.born_count_ == 2 && split.born_[0].order != split.born_[1].order) {
+    link(at_x(split.born_[0]), at_x(split.born_[1]));
   }
 }
 
 template <class Face, class Vertex, class Stored>
 void LoadedFront<Face, Vertex, Stored>::unlink(Face face, std::uint32_t order) noexcept {
-  const BornCorners at = born_corners(order);
   const Links links = opposite_[face];
-  const std::uint32_t inner = links[static_cast<std::size_t>(at.t)], outer = links[static_cast<std::size_t>(at.u)];
-  link(inner, outer);
-  link(links[static_cast<std::size_t>(at.x)], kNone);
+  link(links[corner_of_t(order)], links[0]);
+  link(links[corner_of_x(order)], kNone);
 }
 
 template class LoadedFront<RowIndex, Slot, PackedSlot>;

@@ -74,15 +74,14 @@ class LoadedFront {
     }
     /// Adds a born face.
     void add_born_face(Face face, std::uint32_t order) noexcept {
-      if (born_count_++ < kMaxBorn) born_[born_count_ - 1] = {face, born_corners(order), order % 2 == 0};
+      if (born_count_++ < kMaxBorn) born_[born_count_ - 1] = {face, order};
     }
 
    private:
     friend class LoadedFront;
     struct Born {
       Face face;
-      BornCorners at;
-      bool even;  // `order` is even: x precedes u, so the edge between them goes from x to u
+      std::uint32_t order;  // 0: x precedes u, so the edge between them goes from x to u
     };
     std::uint32_t deformed_count_ = 0, born_count_ = 0;
     std::array<CornerRef, kMaxDeformed> deformed_;

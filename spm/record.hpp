@@ -29,51 +29,49 @@ inline constexpr int kDeformedPerPart = 9;
 inline constexpr std::uint32_t kMaxChanges = 256;
 /// One bit of a vertex reference is reserved, see kInRing in region_data.hpp.
 inline constexpr std::uint32_t kMaxVertices = 1u << 31;
-/// A face reference shares its 32 bits with a corner and a flag, see BornRef.
-inline constexpr std::uint32_t kMaxFaces = 1u << 28;
+/// A face reference shares its 32 bits with two others, see BornRef.
+inline constexpr std::uint32_t kMaxFaces = 1u << 30;
 
-/// The corner numbers of u, t and the third vertex x in a born face. u is at corner `order / 2`. If `order` is even, t
-/// is at the next corner, else at the previous one. x is at the remaining corner.
-struct BornCorners {
-  int u, t, x;
-};
-[[nodiscard]] constexpr BornCorners born_corners(std::uint32_t order) noexcept {
-  const int u = static_cast<int>(order / 2);
-  const int next = (u + 1) % 3;
-  const int before = (u + 2) % 3;
-  return order % 2 == 0 ? BornCorners{u, next, before} : BornCorners{u, before, next};
-}
+/// The corners of a born face: u, then t and the third vertex x if `order` is 0, or x and t if it is 1.
 template <class Vertex>
 [[nodiscard]] constexpr std::array<Vertex, 3> born_face(std::uint32_t order, Vertex u, Vertex t, Vertex x) noexcept {
-  const BornCorners at = born_corners(order);
-  std::array<Vertex, 3> corners{};
-  corners[static_cast<std::size_t>(at.u)] = u;
-  corners[static_cast<std::size_t>(at.t)] = t;
-  corners[static_cast<std::size_t>(at.x)] = x;
-  return corners;
+  return order == 0 ? std::array<Vertex, 3>{u, t, x} : std::array<Vertex, 3>{u, x, t};
 }
 
-/// A born face: `face << 4 | order << 1 | is_finest`. `is_finest` states whether no later record deforms the face.
+/// The corner numbers of t and x in a born face. u is at corner 0.
+[[nodiscard]] constexpr std::uint32_t corner_of_t(std::uint32_t order) noexcept { return 1 + order; }
+[[nodiscard]] constexpr std::uint32_t corner_of_x(std::uint32_t order) noexcept { return 2 - order; }
+
+/// A born face: `face << 2 | order << 1 | is_finest`. `is_finest` states whether no later record deforms the face.
 struct BornRef {
   std::uint32_t bits;
   [[nodiscard]] static constexpr BornRef make(FaceId face, std::uint32_t order, bool is_finest) noexcept {
-    return {index(face) << 4 | order << 1 | static_cast<std::uint32_t>(is_finest)};
+    return {index(face) << 2 | order << 1 | static_cast<std::uint32_t>(is_finest)};
   }
-  [[nodiscard]] constexpr FaceId face() const noexcept { return FaceId{bits >> 4}; }
-  [[nodiscard]] constexpr std::uint32_t order() const noexcept { return bits >> 1 & 7u; }
+  [[nodiscard]] constexpr FaceId face() const noexcept { return FaceId{bits >> 2}; }
+  [[nodiscard]] constexpr std::uint32_t order() const noexcept { return bits >> 1 & 1u; }
   [[nodiscard]] constexpr bool is_finest() const noexcept { return (bits & 1u) != 0; }
 };
 
-/// A deformed corner: `face << 3 | corner << 1 | is_finest`. `Face` is FaceId in a file and RowIndex in memory.
+/// A deformed corner: the corner of `face` at which u replaces t. `is_finest` as for BornRef. `Face` is FaceId in a
+/// file and RowIndex in memory.
 template <class Face>
-struct BasicDeformedRef {
-  std::uint32_t bits;
+class BasicDeformedRef {
+ public:
   [[nodiscard]] static constexpr BasicDeformedRef make(Face face, std::uint32_t corner, bool is_finest) noexcept {
-    return {index(face) << 3 | corner << 1 | static_cast<std::uint32_t>(is_finest)};
+    return {face, corner, is_finest};
   }
-  [[nodiscard]] constexpr Face face() const noexcept { return Face{bits >> 3}; }
-  [[nodiscard]] constexpr std::uint32_t corner() const noexcept { return bits >> 1 & 3u; }
-  [[nodiscard]] constexpr bool is_finest() const noexcept { return (bits & 1u) != 0; }
+  [[nodiscard]] constexpr Face face() const noexcept { return face_; }
+  [[nodiscard]] constexpr std::uint32_t corner() const noexcept { return corner_; }
+  [[nodiscard]] constexpr bool is_finest() const noexcept { return is_finest_; }
+  friend constexpr bool operator==(const BasicDeformedRef&, const BasicDeformedRef&) noexcept = default;
+
+ private:
+  constexpr BasicDeformedRef(Face face, std::uint32_t corner, bool is_finest) noexcept
+      : face_{face}, corner_{static_cast<std::uint8_t>(corner)}, is_finest_{is_finest} {}
+  Face face_;
+  std::uint8_t corner_;
+  bool is_finest_;
 };
 
 /// The radius of a vertex is an upper bound of its distance from each vertex that collapses into it, over any number of
@@ -104,14 +102,28 @@ inline constexpr std::uint16_t kRadiusCodes = 0xff0;
 template <class Vertex, class Face, class Part>
 struct alignas(64) BasicRecordPart {
   using DeformedRef = BasicDeformedRef<Face>;
-  Vertex parent;                ///< t; the same in every part of a record
-  Part next;                    ///< next part of the record, or kNone
-  std::uint8_t born_count;      ///< number of born faces in this part, at most kBornPerPart
-  std::uint8_t deformed_count;  ///< number of deformed faces in this part, at most kDeformedPerPart
-  std::uint16_t radius;         ///< radius code of u; the same in every part of a record
-  BornRef born[kBornPerPart];   ///< born faces, by FaceId also in memory
-  Vertex born_x[kBornPerPart];  ///< x, the third corner, of each born face
-  DeformedRef deformed[kDeformedPerPart];
+  Vertex parent;                                     ///< t; the same in every part of a record
+  Part next;                                         ///< next part of the record, or kNone
+  std::uint16_t born_count : 2;                      ///< born faces in this part, at most kBornPerPart
+  std::uint16_t deformed_count : 4;                  ///< deformed faces in this part, at most kDeformedPerPart
+  std::uint16_t finest : kDeformedPerPart;           ///< bit i: deformed face i is in its finest version
+  std::uint16_t radius;                              ///< radius code of u; the same in every part of a record
+  BornRef born[kBornPerPart];                        ///< born faces, by FaceId also in memory
+  Vertex born_x[kBornPerPart];                       ///< x, the third corner, of each born face
+  std::uint32_t deformed_corners[kDeformedPerPart];  ///< `face << 2 | corner` of each deformed face
+
+  [[nodiscard]] DeformedRef deformed(std::uint32_t i) const noexcept {
+    return DeformedRef::make(Face{deformed_corners[i] >> 2}, deformed_corners[i] & 3u, (finest >> i & 1u) != 0);
+  }
+  void set_deformed(std::uint32_t i, DeformedRef ref) noexcept {
+    deformed_corners[i] = index(ref.face()) << 2 | ref.corner();
+    finest = ((finest & ~(1u << i)) | std::uint32_t{ref.is_finest()} << i) & ((1u << kDeformedPerPart) - 1);
+  }
+  /// There must be room.
+  void add_deformed(DeformedRef ref) noexcept {
+    set_deformed(deformed_count, ref);
+    ++deformed_count;
+  }
 };
 /// A part in a file or message.
 using RecordPart = BasicRecordPart<VertexId, FaceId, PartIndex>;
@@ -128,7 +140,7 @@ template <class Parts, class Part, class Vertex, class Deform, class AddBornFace
 void for_each_change(const Parts& parts, Part first, Vertex u, Deform&& deform, AddBornFace&& add_born_face) {
   for (Part at = first; at != kNone; at = parts[at].next) {
     const auto& part = parts[at];
-    for (std::uint32_t i = 0; i < part.deformed_count; ++i) deform(part.deformed[i]);
+    for (std::uint32_t i = 0; i < part.deformed_count; ++i) deform(part.deformed(i));
     for (std::uint32_t i = 0; i < part.born_count; ++i)
       add_born_face(part.born[i], born_face(part.born[i].order(), u, part.parent, part.born_x[i]), at, i);
   }

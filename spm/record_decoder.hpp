@@ -54,7 +54,9 @@ class RecordDecoder {
   [[nodiscard]] RecordResult add(const RecordPart& source, Part at, Decoded& target) noexcept {
     target.parent = parent_;
     target.next = kNone;
-    target.born_count = target.deformed_count = 0;
+    target.born_count = 0;
+    target.deformed_count = 0;
+    target.finest = 0;
     target.radius = source.radius;
     const std::uint32_t changes = std::uint32_t{source.born_count} + source.deformed_count;
     changes_ += changes;
@@ -70,7 +72,7 @@ class RecordDecoder {
     }
     is_first_part_ = false;
     for (std::uint32_t i = 0; i < source.deformed_count; ++i)
-      if (const RecordResult result = deform(source.deformed[i], target); result != RecordResult::kDecoded)
+      if (const RecordResult result = deform(source.deformed(i), target); result != RecordResult::kDecoded)
         return result;
     if (target.parent == kNone) return RecordResult::kMalformed;
     parent_ = target.parent;
@@ -122,12 +124,12 @@ class RecordDecoder {
     last_corner_.corner = corner;
     front.set_corner(last_corner_, u_);
     split_.deform(last_corner_);
-    target.deformed[target.deformed_count++] = Decoded::DeformedRef::make(last_corner_.face, corner, ref.is_finest());
+    target.add_deformed(Decoded::DeformedRef::make(last_corner_.face, corner, ref.is_finest()));
     return RecordResult::kDecoded;
   }
 
   [[nodiscard]] RecordResult add_born_face(BornRef ref, VertexId named_x, Part at, Decoded& target) noexcept {
-    if (index(ref.face()) >= summary_.faces || ref.order() > 5) return RecordResult::kMalformed;
+    if (index(ref.face()) >= summary_.faces) return RecordResult::kMalformed;
     Vertex x = kNone;
     if (in_ring(named_x)) {
       const std::uint32_t position =

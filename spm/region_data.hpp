@@ -22,7 +22,7 @@ inline constexpr std::uint32_t kInRing = 1u << 31;
 /// Stands for the last position in the ring.
 inline constexpr std::uint32_t kLastInRing = VertexRing<VertexId>::kMax;
 /// Replaces the id of a deformed face that LoadedFront::swing finds from the previous deformed face.
-inline constexpr FaceId kSwing{(1u << 29) - 1};
+inline constexpr FaceId kSwing{kMaxFaces - 1};
 /// Replaces the corner number of a deformed face: the decoder finds the corner at which t is.
 inline constexpr std::uint32_t kCornerOfParent = 3;
 

@@ -339,7 +339,7 @@ class CommandLine {
   }
   void add_density(CLI::App* command) {
     command->add_option("--base-faces", settings_.base_faces, "Faces of the base mesh")
-        ->check(CLI::Range(1u, spm::kMaxFaces - 1))
+        ->check(CLI::Range(1u, spm::offline::kMaxBuiltFaces - 1))
         ->capture_default_str();
     command->add_option("--cell-faces", settings_.cell_faces, "Target number of finest faces per region")
         ->check(CLI::Range(8u, 1u << 20))

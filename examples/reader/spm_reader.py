@@ -139,7 +139,7 @@ class Base:
         self.data = bytes(data)
         reader = ByteReader(self.data)
         version = reader.raw('B')
-        require(version == 6, f'base mesh: found encoding version {version}, expected 6')
+        require(version == 7, f'base mesh: found encoding version {version}, expected 7')
         self.digest = reader.raw('Q')
         for name in COUNTS:
             setattr(self, name, reader.varint())
@@ -303,8 +303,8 @@ class RecordReader:
                 corner, any_deformed = None, True
             for _ in range(born_count):
                 face = self.anchor if face is None else self.face_after('born_next' + inner, face)
-                is_finest, order, in_ring, x = bits.get(1), bits.get(3), bits.get(1), bits.length_prefixed()
-                require(order <= 5 and (x < 64 if in_ring else 0 < x <= u), 'a born face has bad corners')
+                is_finest, order, in_ring, x = bits.get(1), bits.get(1), bits.get(1), bits.length_prefixed()
+                require(x < 64 if in_ring else 0 < x <= u, 'a born face has a bad corner')
                 born.append((face, order, is_finest, IN_RING if in_ring else BY_ID, x if in_ring else u - x))
             result.parts.append((deformed, born))
 
@@ -402,7 +402,7 @@ class Mesh:
                 corners[at] = u
                 self.is_finest[face] = is_finest
                 all_deformed.append(at)
-                stored_deformed.append(face << 3 | corner << 1 | is_finest)
+                stored_deformed.append((face << 2 | corner, is_finest))
             require(t is not None and self.present[t], f'record {number} has no parent')
             for face, order, is_finest, kind, x in born:
                 if kind == IN_RING:
@@ -412,12 +412,11 @@ class Mesh:
                     ring.append(x)
                 require(self.present[x] and x != t, f'record {number} has a bad third corner')
                 require(corners[3 * face] < 0, f'record {number} bears a face that exists')
-                at_u, at_t, at_x = born_corners(order)
-                corners[3 * face + at_u], corners[3 * face + at_t], corners[3 * face + at_x] = u, t, x
+                corners[3 * face:3 * face + 3] = array.array('i', (u, x, t) if order else (u, t, x))
                 self.is_finest[face], self.changed_by[face] = is_finest, number
                 around.add(x)
-                all_born.append((3 * face + at_u, 3 * face + at_t, 3 * face + at_x, order % 2 == 0))
-                stored_born.append((face << 4 | order << 1 | is_finest, x))
+                all_born.append((3 * face, 3 * face + 1 + order, 3 * face + 2 - order, order == 0))
+                stored_born.append((face << 2 | order << 1 | is_finest, x))
             if not stored:
                 self.place(u, ring, record.residuals)
             stored.append((stored_born, stored_deformed))
@@ -432,13 +431,13 @@ class Mesh:
         if len(deformed) > MAX_LINKED_DEFORMED or len(born) > MAX_LINKED_BORN:
             return
         corners, opposite = self.corners, self.opposite
-        for at_u, at_t, at_x, even in born:
+        for at_u, at_t, at_x, t_follows_u in born:
             x, sides = corners[at_x], []
             for d in deformed:
                 following = d + 1 if d % 3 < 2 else d - 2
                 preceding = d - 1 if d % 3 else d + 2
-                if corners[following if even else preceding] == x:
-                    sides.append(preceding if even else following)
+                if corners[following if t_follows_u else preceding] == x:
+                    sides.append(preceding if t_follows_u else following)
             if len(sides) == 1:
                 self.link(at_u, opposite[sides[0]])
                 self.link(at_t, sides[0])
@@ -500,12 +499,6 @@ class Mesh:
                        b'property list uchar int vertex_indices\nend_header\n' % (len(vertices), len(triangles)))
             file.write(b''.join(struct.pack('<3f', *self.positions[3 * v:3 * v + 3]) for v in vertices))
             file.write(b''.join(struct.pack('<B3i', 3, *(number[v] for v in corners)) for corners in triangles))
-
-
-def born_corners(order):
-    """The corners of u, t and x in a born face."""
-    u = order // 2
-    return (u, (u + 1) % 3, (u + 2) % 3) if order % 2 == 0 else (u, (u + 2) % 3, (u + 1) % 3)
 
 
 def checksum_of(u, ring):
@@ -581,10 +574,11 @@ class Model:
             t, radius, stored, _, _ = mesh.applied[number]
             for i, (born, deformed) in enumerate(stored):
                 following = NONE if i + 1 == len(stored) else base.records + len(later_parts) + (i > 0)
-                part = struct.pack('<2I2BH', t, following, len(born), len(deformed), radius)
+                flags = sum(is_finest << i for i, (_, is_finest) in enumerate(deformed))
+                part = struct.pack('<2I2H', t, following, len(born) | len(deformed) << 2 | flags << 6, radius)
                 part += struct.pack('<4I', *[b[0] for b in born] + [0] * (2 - len(born)),
                                     *[b[1] for b in born] + [0] * (2 - len(born)))
-                part += struct.pack('<9I', *deformed + [0] * (9 - len(deformed)))
+                part += struct.pack('<9I', *[d[0] for d in deformed] + [0] * (9 - len(deformed)))
                 (later_parts if i else first_parts).append(part)
         out += first_parts + later_parts
         interval = 0
@@ -600,7 +594,7 @@ def read_sections(data):
     """Returns the contents of the six sections: base mesh, codes, lists, sizes, statistics, checksums of blocks."""
     require(len(data) >= 256 and data[:8] == b'tactSPM\n', 'found no .spm file')
     version, sections, size, checksum = struct.unpack_from('<2I2Q', data, 8)
-    require(version == 7, f'found file version {version}, expected 7')
+    require(version == 8, f'found file version {version}, expected 8')
     require(sections == 6, f'found {sections} sections, expected 6')
     require(size == len(data), f'found {len(data)} bytes, expected {size}')
     require(xxh3(data[:24] + bytes(8) + data[32:256]) == checksum, 'the header has a wrong checksum')

@@ -5,7 +5,7 @@
 namespace tactus::spm::codec {
 namespace {
 
-constexpr std::uint8_t kBaseVersion = 6;
+constexpr std::uint8_t kBaseVersion = 7;
 constexpr std::size_t kMinVertexBytes = 5;  // in the compact profile
 constexpr std::size_t kMinFaceBytes = 4;
 constexpr std::size_t kMinRegionBytes = 19;

@@ -89,7 +89,7 @@ class CompressedCache {
 
  private:
   static constexpr std::size_t kPayloadBytes = 16;
-  static constexpr unsigned kAnchorBits = 28;
+  static constexpr unsigned kAnchorBits = 30;
   struct Block {
     std::uint32_t next;
     std::array<std::uint8_t, kPayloadBytes> bytes;

@@ -126,9 +126,9 @@ class RecordEncoder {
     if (shape == Shape::kUnusual) {
       encode_explicitly(record, u, ring);
     } else {
-      sink_.symbol(Field::kCorner, first.deformed[0].corner());
+      sink_.symbol(Field::kCorner, first.deformed(0).corner());
       const Field born = field_for(Field::kBornFirst, first.radius), next = field_for(Field::kBornNext, first.radius);
-      difference(born, first.born[0].face(), first.deformed[0].face());
+      difference(born, first.born[0].face(), first.deformed(0).face());
       if (first.born_count > 1) difference(next, first.born[1].face(), first.born[0].face());
       encode_position(u, first.radius, predictor_for(ring));
     }
@@ -137,10 +137,11 @@ class RecordEncoder {
 
   /// Adds the corners of the part's deformed faces, except the parent vertex.
   void gather_ring(const RecordPart& part, Ring& ring) const {
-    for (int i = 0; i < part.deformed_count; ++i) {
-      const std::array<VertexId, 3> corners = front_.corners(part.deformed[i].face());
-      ring.add(corners[(part.deformed[i].corner() + 1) % 3]);
-      ring.add(corners[(part.deformed[i].corner() + 2) % 3]);
+    for (std::uint32_t i = 0; i < part.deformed_count; ++i) {
+      const DeformedRef ref = part.deformed(i);
+      const std::array<VertexId, 3> corners = front_.corners(ref.face());
+      ring.add(corners[(ref.corner() + 1) % 3]);
+      ring.add(corners[(ref.corner() + 2) % 3]);
     }
   }
 
@@ -156,14 +157,14 @@ class RecordEncoder {
         part.born_count == 0) {
       return Shape::kUnusual;
     }
-    for (int i = 1; i < part.deformed_count; ++i) {
-      if (!follows(part.deformed[i - 1], part.deformed[i])) return Shape::kUnusual;
+    for (std::uint32_t i = 1; i < part.deformed_count; ++i) {
+      if (!follows(part.deformed(i - 1), part.deformed(i))) return Shape::kUnusual;
     }
     const auto is_at_first_end = [&](int i) { return part.born[i].order() == 0 && part.born_x[i] == ring[1]; };
     const auto is_at_last_end = [&](int i) {
       return part.born[i].order() == 1 && part.born_x[i] == ring[ring.size() - 1];
     };
-    Shape shape{Shape::kBothEnds, part.deformed_count, 0};
+    Shape shape{Shape::kBothEnds, static_cast<std::uint8_t>(part.deformed_count), 0};
     if (part.born_count == 1 && is_at_first_end(0)) {
       shape.born_at = Shape::kFirstEnd;
     } else if (part.born_count == 1 && is_at_last_end(0)) {
@@ -173,7 +174,7 @@ class RecordEncoder {
     }
     std::uint32_t bit = 0;
     for (int i = 0; i < part.born_count; ++i) shape.finest |= std::uint32_t{part.born[i].is_finest()} << bit++;
-    for (int i = 0; i < part.deformed_count; ++i) shape.finest |= std::uint32_t{part.deformed[i].is_finest()} << bit++;
+    shape.finest |= std::uint32_t{part.finest} << bit;
     return shape.symbol();
   }
 
@@ -181,8 +182,7 @@ class RecordEncoder {
     const PartIndex first{index(record)};
     FaceId before = anchor_of(model_.parts[first]);
     bool is_anchor = true;  // the next face is the anchor, which is encoded already
-    DeformedRef last{};
-    bool any_deformed = false;
+    std::optional<DeformedRef> last;
     const auto face = [&](Field field, FaceId own) {
       if (!is_anchor) difference(field, own, before);
       is_anchor = false;
@@ -192,20 +192,20 @@ class RecordEncoder {
     for (PartIndex p = first; p != kNone; p = model_.parts[p].next) {
       const RecordPart& part = model_.parts[p];
       sink_.raw(part.born_count | part.deformed_count << 2 | std::uint32_t{part.next != kNone} << 6, 7);
-      if (p == first && part.deformed_count > 0) sink_.raw(part.deformed[0].corner(), 2);
+      if (p == first && part.deformed_count > 0) sink_.raw(part.deformed(0).corner(), 2);
       if (p == first && part.deformed_count == 0) sink_.rare(index(u) - index(part.parent));
       if (p != first) gather_ring(part, ring);
-      for (int i = 0; i < part.deformed_count; ++i) {
-        const bool next = any_deformed && follows(last, part.deformed[i]);
-        if (any_deformed) sink_.raw(next, 1);
-        if (!next) face(Field::kDeformed, part.deformed[i].face());
-        last = part.deformed[i];
-        any_deformed = true;
-        sink_.raw(part.deformed[i].is_finest(), 1);
+      for (std::uint32_t i = 0; i < part.deformed_count; ++i) {
+        const DeformedRef ref = part.deformed(i);
+        const bool next = last && follows(*last, ref);
+        if (last) sink_.raw(next, 1);
+        if (!next) face(Field::kDeformed, ref.face());
+        last = ref;
+        sink_.raw(ref.is_finest(), 1);
       }
       for (int i = 0; i < part.born_count; ++i) {
         face(field_for(Field::kBornNext, part.radius), part.born[i].face());
-        sink_.raw(part.born[i].bits & 15u, 4);
+        sink_.raw(part.born[i].bits & 3u, 2);
         const std::uint32_t at = ring.find(part.born_x[i]);
         const bool in_ring = at < ring.size();
         sink_.raw(in_ring, 1);

@@ -155,7 +155,7 @@ struct EncodedRecords {
 
 /// The anchor of a record: its first deformed face, or its first born face if it deforms none.
 [[nodiscard]] inline FaceId anchor_of(const RecordPart& part) noexcept {
-  return part.deformed_count > 0 ? part.deformed[0].face() : part.born[0].face();
+  return part.deformed_count > 0 ? part.deformed(0).face() : part.born[0].face();
 }
 
 /// The difference of two face ids, as put_number takes it.

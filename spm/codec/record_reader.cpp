@@ -64,15 +64,14 @@ bool RecordReader::get_usual_faces(BitReader& in, RecordId record, RecordPart& p
                                    std::vector<RecordPart>& parts) {
   const std::uint32_t corner = tables_[Field::kCorner].get(in, code_ok_);
   std::uint32_t bits = shape.finest >> shape.born();
-  part.deformed_count = shape.deformed;
-  part.deformed[0] = DeformedRef::make(anchor, corner, (bits & 1u) != 0);
+  part.add_deformed(DeformedRef::make(anchor, corner, (bits & 1u) != 0));
   for (std::uint32_t i = 1; i < shape.deformed; ++i) {
-    part.deformed[i] = DeformedRef::make(kSwing, kCornerOfParent, (bits >> i & 1u) != 0);
+    part.add_deformed(DeformedRef::make(kSwing, kCornerOfParent, (bits >> i & 1u) != 0));
   }
   const Field first_born = field_for(Field::kBornFirst, part.radius),
               next_born = field_for(Field::kBornNext, part.radius);
   FaceId face = anchor, max = anchor;
-  part.born_count = static_cast<std::uint8_t>(shape.born());
+  part.born_count = shape.born() & 3u;
   bool at_last = shape.born_at == Shape::kLastEnd;
   for (std::uint32_t i = 0; i < shape.born(); ++i) {
     face = face_after(in, i == 0 ? first_born : next_born, face);
@@ -118,10 +117,10 @@ bool RecordReader::get_explicit_faces(BitReader& in, RecordId record, RecordPart
         return fail(in, record, "distance to the parent vertex", to_parent, "1 to", index(u));
       part.parent = first.parent = VertexId{index(u) - static_cast<std::uint32_t>(to_parent)};
     }
-    for (int i = 0; i < part.deformed_count; ++i) {
+    for (std::uint32_t i = 0; i < part.deformed_count; ++i) {
       const bool next = any_deformed && in.get(1) != 0;
       if (!next && !next_face(Field::kDeformed)) return false;
-      part.deformed[i] = DeformedRef::make(next ? kSwing : face, corner, in.get(1) != 0);
+      part.set_deformed(i, DeformedRef::make(next ? kSwing : face, corner, in.get(1) != 0));
       corner = kCornerOfParent;
       any_deformed = true;
     }
@@ -137,8 +136,7 @@ bool RecordReader::get_explicit_faces(BitReader& in, RecordId record, RecordPart
 }
 
 bool RecordReader::get_born(BitReader& in, RecordId record, VertexId u, FaceId face, RecordPart& part, int i) {
-  const auto bits = static_cast<std::uint32_t>(in.get(4));
-  if (bits >> 1 > 5) return fail(in, record, "corner order", bits >> 1, "at most", 5);
+  const auto bits = static_cast<std::uint32_t>(in.get(2));
   part.born[i] = BornRef::make(face, bits >> 1, (bits & 1u) != 0);
   const bool in_ring = in.get(1) != 0;
   const std::uint64_t x = get_length_prefixed(in);

@@ -120,10 +120,7 @@ class Assembler {
           write_radii();
           write_regions(cells, lists);
         },
-        [&] {
-          arrange_faces(faces.summary, out_.parts);
-          checksums = record_checksums(faces);
-        });
+        [&] { checksums = record_checksums(faces); });
     number_faces(mesh_, out_.summary, out_.base_faces, out_.parts, options_.threads);
     write_checksums(checksums);
     report("sum up", 0);
@@ -191,8 +188,8 @@ class Assembler {
     for (const Segment& segment : collapses_.segments) {
       for (std::uint32_t i = 0; i < segment.size(); ++i) {
         const FaceRange own = faces_of(segment, i);
-        faces.push_back(index(own.moved < own.moved_end ? segment.moved[own.moved].face()
-                                                        : segment.removed_faces[own.removed_faces].face()));
+        faces.push_back(own.moved < own.moved_end ? segment.moved[own.moved].face()
+                                                  : index(segment.removed_faces[own.removed_faces].face()));
       }
     }
     return faces;
@@ -295,8 +292,13 @@ class Assembler {
       part.born[part.born_count] = segment.removed_faces[rest.removed_faces];
       part.born_x[part.born_count++] = VertexId{vertex_id_[segment.removed_third_corners[rest.removed_faces]]};
     }
+    if (part.born_count == 2 && part.born[0].order() > part.born[1].order()) {
+      std::swap(part.born[0], part.born[1]);
+      std::swap(part.born_x[0], part.born_x[1]);
+    }
     for (; rest.moved < rest.moved_end && part.deformed_count < kDeformedPerPart; ++rest.moved) {
-      part.deformed[part.deformed_count++] = segment.moved[rest.moved];
+      const MovedCorner& moved = segment.moved[rest.moved];
+      part.add_deformed(DeformedRef::make(FaceId{moved.face()}, moved.corner(), moved.is_finest()));
     }
     return part;
   }
@@ -348,9 +350,9 @@ class Assembler {
 }  // namespace
 
 void require_face_count(std::size_t faces) {
-  if (faces < kMaxFaces) return;
+  if (faces < kMaxBuiltFaces) return;
   throw ModelError{"too many faces: found " + std::to_string(faces) + ", expected at most " +
-                   std::to_string(kMaxFaces - 1)};
+                   std::to_string(kMaxBuiltFaces - 1)};
 }
 
 BuiltModel build_model(TriangleMesh mesh, const BuildOptions& options, const Progress& progress) {

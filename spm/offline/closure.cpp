@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <functional>
+#include <span>
 #include <string>
 
 #include "spm/ids.hpp"
@@ -89,15 +90,20 @@ class DependencyFinder {
       collapses_.corners[index(removed_faces.face())] = born_face(removed_faces.order(), c.u, c.t, x);
       writer_[index(removed_faces.face())] = id;
     }
-    order_fan({segment.moved.data() + c.first_moved, end.first_moved - c.first_moved}, collapses_.corners);
-    for (std::uint32_t k = c.first_moved; k < end.first_moved; ++k) {
-      const DeformedRef moved = segment.moved[k];
-      Triangle& face = collapses_.corners[index(moved.face())];
-      need(writer_[index(moved.face())]);
+    const std::span<MovedCorner> fan{segment.moved.data() + c.first_moved, end.first_moved - c.first_moved};
+    for (MovedCorner& moved : fan) {
+      // The face begins at another corner if a record bears it.
+      const Triangle& face = collapses_.corners[moved.face()];
+      moved.set_corner(static_cast<std::uint32_t>(std::find(face.begin(), face.end(), c.t) - face.begin()));
+    }
+    order_fan(fan, collapses_.corners);
+    for (const MovedCorner& moved : fan) {
+      Triangle& face = collapses_.corners[moved.face()];
+      need(writer_[moved.face()]);
       need(out_.removed_by[face[(moved.corner() + 1) % 3]]);
       need(out_.removed_by[face[(moved.corner() + 2) % 3]]);
       face[moved.corner()] = c.u;
-      writer_[index(moved.face())] = id;
+      writer_[moved.face()] = id;
     }
   }
 

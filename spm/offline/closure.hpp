@@ -34,7 +34,8 @@ struct Dependencies {
 };
 
 /// Finds all dependencies. Sorts the moved corners of each collapse by order_fan(), and sets `collapses.corners` to the
-/// finest mesh. Throws ModelError if a record has a level above 65535. `threads`: 0: one per processor.
+/// finest mesh. A face that a collapse has removed begins at the vertex u of that collapse. Throws ModelError if a
+/// record has a level above 65535. `threads`: 0: one per processor.
 [[nodiscard]] Dependencies dependencies(Collapses& collapses, std::size_t vertices, unsigned threads = 0);
 
 }  // namespace tactus::spm::offline

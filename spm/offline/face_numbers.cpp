@@ -148,9 +148,9 @@ void number_faces(const TriangleMesh& mesh, const ModelSummary& summary, std::ve
         const BornRef ref = part.born[i];
         part.born[i] = BornRef::make(renumbered(ref.face()), ref.order(), ref.is_finest());
       }
-      for (int i = 0; i < part.deformed_count; ++i) {
-        const DeformedRef ref = part.deformed[i];
-        part.deformed[i] = DeformedRef::make(renumbered(ref.face()), ref.corner(), ref.is_finest());
+      for (std::uint32_t i = 0; i < part.deformed_count; ++i) {
+        const DeformedRef ref = part.deformed(i);
+        part.set_deformed(i, DeformedRef::make(renumbered(ref.face()), ref.corner(), ref.is_finest()));
       }
     }
   });

@@ -331,8 +331,8 @@ Shape shape_from_name(std::string_view name) {
 }
 
 TriangleMesh generate(Shape shape, std::uint32_t faces, std::uint64_t seed) {
-  if (faces < 8 || faces >= kMaxFaces) {
-    throw ModelError{"faces: found " + std::to_string(faces) + ", expected 8 to " + std::to_string(kMaxFaces - 1)};
+  if (faces < 8 || faces >= kMaxBuiltFaces) {
+    throw ModelError{"faces: found " + std::to_string(faces) + ", expected 8 to " + std::to_string(kMaxBuiltFaces - 1)};
   }
   switch (shape) {
     case Shape::kSphere:

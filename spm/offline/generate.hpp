@@ -29,7 +29,7 @@ enum class Shape {
 [[nodiscard]] Shape shape_from_name(std::string_view name);
 
 /// Generates a mesh with about `faces` faces. Sphere and organ have exactly this number if it is even, else one less.
-/// `seed` affects organ and terrain only. Throws ModelError if `faces` is below 8 or at least kMaxFaces.
+/// `seed` affects organ and terrain only. Throws ModelError if `faces` is below 8 or at least kMaxBuiltFaces.
 [[nodiscard]] TriangleMesh generate(Shape shape, std::uint32_t faces, std::uint64_t seed = 1);
 
 }  // namespace tactus::spm::offline

@@ -21,7 +21,7 @@
 
 namespace tactus::spm::offline {
 
-inline constexpr std::uint32_t kModelFileVersion = 7;
+inline constexpr std::uint32_t kModelFileVersion = 8;
 
 /// The source of a model, and the vertices and faces dropped by its build. The digest does not cover it.
 struct Provenance {

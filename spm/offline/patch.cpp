@@ -488,14 +488,14 @@ void Patch::collapse(std::uint32_t u, std::uint32_t t) {
     if (next == t || before == t) {
       const bool t_is_next = next == t;
       const std::uint32_t x = t_is_next ? before : next;
-      out_.removed_faces.push_back(BornRef::make(FaceId{face.id}, 2 * k + (t_is_next ? 0 : 1), !face.is_changed));
+      out_.removed_faces.push_back(BornRef::make(FaceId{face.id}, t_is_next ? 0 : 1, !face.is_changed));
       out_.removed_third_corners.push_back(vertices_[x].id);
       face.is_alive = false;
       --alive_;
       remove_corner(t, face_of(corner));
       if (vertices_[x].is_inner) remove_corner(x, face_of(corner));
     } else {
-      out_.moved.push_back(DeformedRef::make(FaceId{face.id}, k, !face.is_changed));
+      out_.moved.emplace_back(face.id, k, !face.is_changed);
       face.corner[k] = t;
       corners_[vertices_[t].star + vertices_[t].size++] = corner;
     }

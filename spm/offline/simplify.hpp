@@ -55,13 +55,28 @@ struct Collapse {
   std::uint32_t first_dying, first_moved;
 };
 
+/// A corner that a collapse moves from u to t, in the fewest bytes.
+class MovedCorner {
+ public:
+  /// `is_finest`: no earlier collapse changed the face.
+  MovedCorner(std::uint32_t face, std::uint32_t corner, bool is_finest) noexcept
+      : bits_{face << 3 | corner << 1 | static_cast<std::uint32_t>(is_finest)} {}
+  [[nodiscard]] std::uint32_t face() const noexcept { return bits_ >> 3; }
+  [[nodiscard]] std::uint32_t corner() const noexcept { return bits_ >> 1 & 3u; }
+  [[nodiscard]] bool is_finest() const noexcept { return (bits_ & 1u) != 0; }
+  void set_corner(std::uint32_t corner) noexcept { bits_ = (bits_ & ~6u) | corner << 1; }
+
+ private:
+  std::uint32_t bits_;
+};
+
 /// The collapses of one block, in order.
 struct Segment {
   std::vector<Collapse> sequence;  ///< the collapses; the last entry has only the ends of `removed_faces` and `moved`
-  std::vector<BornRef>
-      removed_faces;  ///< faces that a collapse removes; finest if no earlier collapse changed the face
+  /// The faces that a collapse removes; finest if no earlier collapse changed the face.
+  std::vector<BornRef> removed_faces;
   std::vector<std::uint32_t> removed_third_corners;  ///< third corner of each removed face, besides u and t
-  std::vector<DeformedRef> moved;  ///< corners moved from u to t; finest if no earlier collapse changed the face
+  std::vector<MovedCorner> moved;
 
   /// Number of collapses.
   [[nodiscard]] std::uint32_t size() const noexcept {

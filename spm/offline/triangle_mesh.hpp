@@ -20,6 +20,9 @@ class ModelError : public std::runtime_error {
   throw ModelError{path.string() + ": " + what};
 }
 
+/// The builder packs the index of a face with a corner and a flag into 32 bits.
+inline constexpr std::uint32_t kMaxBuiltFaces = 1u << 28;
+
 using Triangle = std::array<std::uint32_t, 3>;
 
 /// Corners are indices into `positions`, counter-clockwise seen from outside. File units, model frame.

@@ -8,7 +8,7 @@ import spm_reader
 counts = collections.Counter()
 rules = ('one born face at the first end', 'one born face at the last end', 'code deformed', 'several parts',
          'more than two parts', 'no deformed face', 'deformed faces only in a further part', 'third corner by id',
-         *(f'order {order}' for order in range(6)), 'more than 32 deformed faces', 'more than 4 born faces',
+         *(f'order {order}' for order in range(2)), 'more than 32 deformed faces', 'more than 4 born faces',
          'a link that the limit of 32 prevents',
          'a link that the limit of 4 prevents', 'full ring', 'radius symbol 255', 'limited coordinate, lossless',
          'limited coordinate, compact')

@@ -110,33 +110,25 @@ spm::offline::TriangleMesh large_and_tiny() {
   return mesh;
 }
 
-/// Gives a model, in which each record has one part, a form that Tactus reads but does not write. Each record bears its
-/// faces in one part and deforms faces in the next one. The corners of the face with id f begin at another corner if f
-/// is not a multiple of 3.
+/// Gives a model, in which each record has one part, a form that Tactus reads but does not write: each record bears its
+/// faces in one part and deforms faces in the next one.
 void make_unusual(spm::offline::BuiltModel& built) {
   spm::OwnedModel& m = built;
   const std::uint32_t records = m.summary.records;
   ASSERT_EQ(m.summary.parts, records);
-  std::vector<std::uint32_t> rotation(m.summary.faces, 0);
   m.parts.resize(2 * std::size_t{records});
   for (std::uint32_t r = 0; r < records; ++r) {
     spm::RecordPart& first = m.parts[r];
     spm::RecordPart& second = m.parts[records + r] = first;
     for (int i = 0; i < first.born_count; ++i) {
-      const spm::BornRef born = first.born[i];
-      const std::uint32_t by = rotation[index(born.face())] = index(born.face()) % 3;
-      first.born[i] = spm::BornRef::make(born.face(), (born.order() + 2 * by) % 6, born.is_finest());
       second.born[i] = {};
       second.born_x[i] = {};
     }
-    for (int i = 0; i < first.deformed_count; ++i) {
-      const spm::DeformedRef ref = first.deformed[i];
-      const std::uint32_t corner = (ref.corner() + rotation[index(ref.face())]) % 3;
-      second.deformed[i] = spm::DeformedRef::make(ref.face(), corner, ref.is_finest());
-      first.deformed[i] = {};
-    }
+    std::fill_n(first.deformed_corners, spm::kDeformedPerPart, 0u);
     first.next = spm::PartIndex{records + r};
-    first.deformed_count = second.born_count = 0;
+    first.deformed_count = 0;
+    first.finest = 0;
+    second.born_count = 0;
   }
   m.summary.parts = 2 * records;
   for (spm::Region& region : m.regions) region.part_count = 2 * region.record_count;
@@ -148,8 +140,12 @@ void make_unusual(spm::offline::BuiltModel& built) {
 void shuffle(spm::offline::BuiltModel& built) {
   std::mt19937 random{11};
   for (spm::RecordPart& part : built.parts)
-    for (std::uint32_t i = part.deformed_count; i > 1; --i)
-      std::swap(part.deformed[i - 1], part.deformed[random() % i]);
+    for (std::uint32_t i = part.deformed_count; i > 1; --i) {
+      const auto other = static_cast<std::uint32_t>(random() % i);
+      const spm::DeformedRef last = part.deformed(i - 1);
+      part.set_deformed(i - 1, part.deformed(other));
+      part.set_deformed(other, last);
+    }
   const std::vector<std::uint32_t> checksums = spm::region_checksums(built.model());
   for (std::size_t i = 0; i < checksums.size(); ++i) built.regions[i].checksum = checksums[i];
   built.summary.digest = spm::offline::digest_of(built.model());

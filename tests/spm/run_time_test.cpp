@@ -266,6 +266,86 @@ TEST_P(RunTime, AFullPoolRefusesARegionAndChangesNothing) {
   EXPECT_GT(refused, 0u);
 }
 
+/// Changes the ids of all faces in a message.
+template <class Renumbered>
+void renumber(spm::RegionData& data, const Renumbered& renumbered) {
+  for (spm::RecordPart& part : data.parts) {
+    for (int i = 0; i < part.born_count; ++i) {
+      const spm::BornRef ref = part.born[i];
+      part.born[i] = spm::BornRef::make(renumbered(ref.face()), ref.order(), ref.is_finest());
+    }
+    for (std::uint32_t i = 0; i < part.deformed_count; ++i) {
+      const spm::DeformedRef ref = part.deformed(i);
+      if (ref.face() == spm::kSwing) continue;
+      part.set_deformed(i, spm::DeformedRef::make(renumbered(ref.face()), ref.corner(), ref.is_finest()));
+    }
+  }
+}
+
+TEST_P(RunTime, FacesWithIdsInTheWholeRangeAreLoadedRefinedAndTouchedLikeOthers) {
+  // The ids begin at 0, a quarter, half and three quarters of the range, and end at its end.
+  const std::uint32_t faces = model_.summary.faces, quarter = spm::kMaxFaces / 4;
+  const std::array<std::uint32_t, 5> offsets{0, quarter, 2 * quarter, 3 * quarter, spm::kMaxFaces - 1 - faces};
+  const auto renumbered = [&](spm::FaceId face) {
+    return spm::FaceId{index(face) + offsets[index(face) * offsets.size() / faces]};
+  };
+  HrtcModel usual{model_, large_pool()};
+  spm::BaseMesh base = spm::base_mesh_of(model_);
+  base.summary.faces = spm::kMaxFaces - 1;
+  for (spm::BaseFace& face : base.faces) face.face = renumbered(face.face);
+  spm::Pool pool{large_pool()};
+  spm::NodePool nodes{large_pool().tree_nodes};
+  spm::Cache cache{pool};
+  spm::Cache::Admitted admitted = cache.admit(base);
+  ASSERT_TRUE(admitted.fits);
+  spm::Forest forest{pool,
+                     nodes,
+                     admitted.object,
+                     base.summary,
+                     spm::RegionGrid{base.summary.grid, std::span<const spm::Region>{base.regions}},
+                     std::move(admitted.base)};
+  ASSERT_EQ(forest.tree().height(), 10u);
+  for (const RegionId region : regions_) {
+    spm::RegionData data = usual.message(region);
+    renumber(data, renumbered);
+    spm::RegionList list;
+    ASSERT_EQ(cache.accept(admitted.object, data, list_summary(model_.regions[index(region)]), list),
+              AcceptResult::kAccepted);
+    forest.add(region, list);
+    ASSERT_EQ(usual.load(region), AcceptResult::kAccepted);
+  }
+  std::vector<RegionId> targets = regions_;
+  for (const std::size_t count : {regions_.size(), regions_.size() / 2}) {
+    targets.resize(count);
+    ASSERT_EQ(usual.refine(targets), Advance::kDone);
+    forest.set_targets(targets.data(), static_cast<std::uint32_t>(count), spm::Unrequested::kCoarsen);
+    spm::Budget budget{1u << 30};
+    ASSERT_EQ(forest.advance(budget), Advance::kDone);
+    forest.refit(nullptr, 0);
+    EXPECT_THAT(forest.violations(), IsEmpty());
+    EXPECT_THAT(cache.violations(), IsEmpty());
+    EXPECT_EQ(forest.mesh_hash(), usual.forest().mesh_hash());
+
+    const spm::AbTree &tree = forest.tree(), &usual_tree = usual.forest().tree();
+    const std::vector<spm::LeafLane> shown = tree.shown(), usually_shown = usual_tree.shown();
+    ASSERT_EQ(shown.size(), usually_shown.size());
+    for (std::size_t i = 0; i < shown.size(); ++i) {
+      ASSERT_EQ(tree.face(shown[i]), renumbered(usual_tree.face(usually_shown[i])));
+      ASSERT_EQ(tree.corners(shown[i]), usual_tree.corners(usually_shown[i]));
+      ASSERT_EQ(tree.is_finest(shown[i]), usual_tree.is_finest(usually_shown[i]));
+    }
+    std::vector<spm::Contact> contacts(4096);
+    std::set<std::uint32_t> touched, usually_touched;
+    const auto touch = [&](const spm::AbTree& by) {
+      return by.find_contacts((low_ + high_) / 2, size_ / 8, contacts.data(), 4096);
+    };
+    for (std::uint32_t i = touch(tree); i-- > 0;) touched.insert(index(contacts[i].face));
+    for (std::uint32_t i = touch(usual_tree); i-- > 0;) usually_touched.insert(index(renumbered(contacts[i].face)));
+    EXPECT_FALSE(touched.empty());
+    EXPECT_EQ(touched, usually_touched);
+  }
+}
+
 TEST(CacheCounts, AnObjectIsRefusedWhileThereAre64Others) {
   const OwnedModel owned = random_model(1, 50, kCells);
   const spm::BaseMesh base = spm::base_mesh_of(owned.model());

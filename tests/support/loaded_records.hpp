@@ -43,12 +43,10 @@ inline std::string loaded_difference(const spm::Model& model, const spm::Pool& p
         if (loaded.born[i].bits != expected.born[i].bits) return record_name + ": born face";
         if (pool.vertices[loaded.born_x[i]].id != expected.born_x[i]) return record_name + ": third corner";
       }
-      for (int i = 0; i < loaded.deformed_count; ++i) {
-        const spm::LoadedPart::DeformedRef ref = loaded.deformed[i];
-        if (spm::DeformedRef::make(pool.face_of(ref.face()), ref.corner(), ref.is_finest()).bits !=
-            expected.deformed[i].bits) {
+      for (std::uint32_t i = 0; i < loaded.deformed_count; ++i) {
+        const spm::LoadedPart::DeformedRef ref = loaded.deformed(i);
+        if (spm::DeformedRef::make(pool.face_of(ref.face()), ref.corner(), ref.is_finest()) != expected.deformed(i))
           return record_name + ": deformed face";
-        }
       }
       if ((loaded.next == kNone) != (expected.next == kNone)) return record_name + ": parts";
       if (loaded.next != kNone) slot = loaded.next;

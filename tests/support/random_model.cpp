@@ -109,7 +109,7 @@ class RandomModelBuilder {
     for (std::uint32_t i = 0; i < count; ++i) {
       std::uint32_t x = random_below(u);
       if (x == t) x = (t + 1) % u;
-      const std::uint32_t order = random_below(6);
+      const std::uint32_t order = random_below(2);
       add_vertex_dependency(record, x);
       const std::uint32_t face = add_face(spm::born_face(order, u, t, x), record);
       born.emplace_back(BornRef::make(spm::FaceId{face}, order, false), x);
@@ -133,9 +133,7 @@ class RandomModelBuilder {
         part.born[part.born_count] = born[b].first;
         part.born_x[part.born_count] = spm::VertexId{born[b].second};
       }
-      for (; d < deformed.size() && part.deformed_count < spm::kDeformedPerPart; ++d, ++part.deformed_count) {
-        part.deformed[part.deformed_count] = deformed[d];
-      }
+      for (; d < deformed.size() && part.deformed_count < spm::kDeformedPerPart; ++d) part.add_deformed(deformed[d]);
       const bool needs_part = b < born.size() || d < deformed.size();
       if (needs_part) part.next = spm::PartIndex{static_cast<std::uint32_t>(parts_.size())};
       parts_[part_index] = part;
@@ -153,8 +151,9 @@ class RandomModelBuilder {
         RecordPart& part = parts_[p];
         for (int i = 0; i < part.born_count; ++i)
           part.born[i].bits |= faces_[index(part.born[i].face())].last_record == r ? 1u : 0u;
-        for (int i = 0; i < part.deformed_count; ++i) {
-          part.deformed[i].bits |= faces_[index(part.deformed[i].face())].last_record == r ? 1u : 0u;
+        for (std::uint32_t i = 0; i < part.deformed_count; ++i) {
+          const DeformedRef ref = part.deformed(i);
+          part.set_deformed(i, DeformedRef::make(ref.face(), ref.corner(), faces_[index(ref.face())].last_record == r));
         }
       }
     }

@@ -41,17 +41,16 @@ ReferenceMesh::ReferenceMesh(const spm::Model& model)
     for (spm::PartIndex p{r}; p != spm::kNone; p = model.parts[p].next) {
       const spm::RecordPart& part = model.parts[p];
       for (std::size_t i = 0; i < part.born_count; ++i) {
-        // The new vertex u is at corner order / 2. The parent is at the corner after u if the order is even, and at the
-        // corner before u if the order is odd. Vertex x is at the third corner.
+        // The new vertex u is at corner 0. The parent is at the corner after u if the order is 0, and at the corner
+        // before u if the order is 1. Vertex x is at the third corner.
         const spm::BornRef born = part.born[i];
         const std::uint32_t x = index(part.born_x[i]), face = index(born.face());
-        std::array<std::uint32_t, 3> after{x, x, x};
-        after[born.order() / 2] = u;
-        after[(born.order() / 2 + (born.order() % 2 == 0 ? 1 : 2)) % 3] = index(part.parent);
+        std::array<std::uint32_t, 3> after{u, x, x};
+        after[born.order() == 0 ? 1 : 2] = index(part.parent);
         changes.push_back({face, corners[face], after, born.is_finest()});
       }
-      for (std::size_t i = 0; i < part.deformed_count; ++i) {
-        const spm::DeformedRef deformed = part.deformed[i];
+      for (std::uint32_t i = 0; i < part.deformed_count; ++i) {
+        const spm::DeformedRef deformed = part.deformed(i);
         const std::uint32_t face = index(deformed.face());
         std::array<std::uint32_t, 3> after = corners[face];
         after[deformed.corner()] = u;

@@ -116,7 +116,7 @@ class ReferenceCache {
 class CompressedCacheCounters : public CompressedCacheTest {
  protected:
   void SetUp() override {
-    constexpr std::uint64_t kAnchorBits = 28, kBlockBits = 128;
+    constexpr std::uint64_t kAnchorBits = 30, kBlockBits = 128;
     for (std::uint32_t region = 0; region < regions(); ++region) {
       const Result<RegionCodes> checked =
           check_region(message(region), summary(), encoded_->compressed().tables(), kBlocks);

@@ -105,7 +105,7 @@ TEST(Generate, AnotherSeedGivesAnotherOrgan) {
 TEST(Generate, RefusesTooFewOrTooManyFacesAndUnknownShapes) {
   EXPECT_THROW(static_cast<void>(generate(Shape::kSphere, 7)), ModelError);
   for (const std::string_view name : shape_names())
-    EXPECT_THROW(static_cast<void>(generate(shape_from_name(name), kMaxFaces)), ModelError) << name;
+    EXPECT_THROW(static_cast<void>(generate(shape_from_name(name), kMaxBuiltFaces)), ModelError) << name;
   EXPECT_THROW(static_cast<void>(shape_from_name("cube")), ModelError);
 }
 

@@ -162,7 +162,7 @@ TEST_F(ModelFile, RefusesALaterVersionAndNamesBothVersions) {
   later[8] = 9;
   write_bytes(path_, later);
   EXPECT_THAT(open_error(path_), HasSubstr("version 9"));
-  EXPECT_THAT(open_error(path_), HasSubstr("version 7"));
+  EXPECT_THAT(open_error(path_), HasSubstr("version 8"));
 }
 
 TEST_F(ModelFile, RefusesAMissingFileAnEmptyFileAndAFolder) {
