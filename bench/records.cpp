@@ -278,8 +278,12 @@ Report run(const Settings& settings) {
   const std::vector<Triangle> finest = grid.mesh.faces;
   const Dependencies bisected = dependencies(grid.collapses, grid.mesh.positions.size());
   std::size_t different_faces = 0, larger_records = 0;
-  for (std::size_t face = 0; face < finest.size(); ++face)
-    different_faces += grid.collapses.corners[face] != finest[face] ? 1 : 0;
+  for (std::size_t face = 0; face < finest.size(); ++face) {
+    Triangle corners = grid.collapses.corners[face];  // in another rotation if a collapse has removed the face
+    for (int turn = 0; turn < 2 && corners != finest[face]; ++turn)
+      std::rotate(corners.begin(), corners.begin() + 1, corners.end());
+    different_faces += corners != finest[face] ? 1 : 0;
+  }
   const Segment& segment = grid.collapses.segments.front();
   for (std::uint32_t i = 0; i < segment.size(); ++i)
     larger_records += segment.sequence[i + 1].first_moved - segment.sequence[i].first_moved > 2 ? 1 : 0;

@@ -76,8 +76,9 @@ std::shared_ptr<SharedModel> build(const SourcedMesh& mesh, std::optional<double
           "size: found " + std::to_string(size.value_or(0)) + ", expected a finite number above 0");
   require(metres_per_unit > 0 && std::isfinite(metres_per_unit),
           "metres_per_unit: found " + std::to_string(metres_per_unit) + ", expected a finite number above 0");
-  require(base_faces >= 1 && base_faces < spm::kMaxFaces,
-          "base_faces: found " + std::to_string(base_faces) + ", expected 1 to " + std::to_string(spm::kMaxFaces - 1));
+  require(base_faces >= 1 && base_faces < spm::offline::kMaxBuiltFaces,
+          "base_faces: found " + std::to_string(base_faces) + ", expected 1 to " +
+              std::to_string(spm::offline::kMaxBuiltFaces - 1));
   require(cell_faces >= 8 && cell_faces <= 1u << 20,
           "cell_faces: found " + std::to_string(cell_faces) + ", expected 8 to " + std::to_string(1u << 20));
   require(grid_bits == 0 || (grid_bits >= 4 && grid_bits <= 20),

@@ -90,6 +90,7 @@ class NodePool {
  private:
   friend class AbTree;
   [[nodiscard]] static std::uint64_t key(ObjectIndex object, std::uint32_t level, std::uint32_t id) noexcept {
+    static_assert(kMaxFaces / TreeNode::kWidth <= 1u << 27);
     return std::uint64_t{index(object)} << 31 | std::uint64_t{level} << 27 | id;
   }
   [[nodiscard]] static std::uint64_t key(const TreeNode& node) noexcept {

@@ -81,7 +81,7 @@ class LoadedFront {
     friend class LoadedFront;
     struct Born {
       Face face;
-      std::uint32_t order;  // 0: x precedes u, so the edge between them goes from x to u
+      std::uint32_t order;  // 0: the edge between x and u goes from x to u; 1: from u to x
     };
     std::uint32_t deformed_count_ = 0, born_count_ = 0;
     std::array<CornerRef, kMaxDeformed> deformed_;

@@ -8,8 +8,8 @@
 ///         x1                    x1
 ///
 /// A record is a chain of one or more parts of 64 bytes. Most records have one part. If u has many faces or is on a
-/// non-manifold edge, the record has further parts with further faces. File and memory have the same layout, with ids
-/// in the file, and with slots and rows in memory; only born faces keep their ids. RecordDecoder converts them.
+/// non-manifold edge, the record has further parts with further faces. Parts have ids where a model is built, decoded
+/// or encoded, and slots and rows in the pool; only born faces keep their ids. RecordDecoder converts them.
 /// Source: Hoppe 1996 (vertex split); De Floriani, Magillo, Puppo 1997 (legality, see offline/closure.hpp).
 #pragma once
 
@@ -29,7 +29,7 @@ inline constexpr int kDeformedPerPart = 9;
 inline constexpr std::uint32_t kMaxChanges = 256;
 /// One bit of a vertex reference is reserved, see kInRing in region_data.hpp.
 inline constexpr std::uint32_t kMaxVertices = 1u << 31;
-/// A face reference shares its 32 bits with two others, see BornRef.
+/// A reference to a face shares 32 bits with two flags or with the number of a corner.
 inline constexpr std::uint32_t kMaxFaces = 1u << 30;
 
 /// The corners of a born face: u, then t and the third vertex x if `order` is 0, or x and t if it is 1.
@@ -107,6 +107,7 @@ struct alignas(64) BasicRecordPart {
   std::uint16_t born_count : 2;                      ///< born faces in this part, at most kBornPerPart
   std::uint16_t deformed_count : 4;                  ///< deformed faces in this part, at most kDeformedPerPart
   std::uint16_t finest : kDeformedPerPart;           ///< bit i: deformed face i is in its finest version
+  std::uint16_t unused : 1;                          ///< 0, as the digest covers all bits of a part
   std::uint16_t radius;                              ///< radius code of u; the same in every part of a record
   BornRef born[kBornPerPart];                        ///< born faces, by FaceId also in memory
   Vertex born_x[kBornPerPart];                       ///< x, the third corner, of each born face
@@ -119,7 +120,7 @@ struct alignas(64) BasicRecordPart {
     deformed_corners[i] = index(ref.face()) << 2 | ref.corner();
     finest = ((finest & ~(1u << i)) | std::uint32_t{ref.is_finest()} << i) & ((1u << kDeformedPerPart) - 1);
   }
-  /// There must be room.
+  /// `deformed_count` must be below kDeformedPerPart.
   void add_deformed(DeformedRef ref) noexcept {
     set_deformed(deformed_count, ref);
     ++deformed_count;
@@ -130,6 +131,7 @@ using RecordPart = BasicRecordPart<VertexId, FaceId, PartIndex>;
 /// A part in the pool.
 using LoadedPart = BasicRecordPart<Slot, RowIndex, Slot>;
 using DeformedRef = RecordPart::DeformedRef;
+static_assert(BornRef::make(FaceId{kMaxFaces - 1}, 1, true).face() == FaceId{kMaxFaces - 1});
 static_assert(sizeof(RecordPart) == 64 && sizeof(LoadedPart) == 64);
 
 /// Visits the changes of the split of `u`, whose record starts with part `first` of `parts`. Calls `deform(ref)` for

@@ -144,6 +144,7 @@ class Base:
         for name in COUNTS:
             setattr(self, name, reader.varint())
         require(self.base_vertices + self.base_faces + self.regions <= len(data), 'base mesh: its counts are too large')
+        require(self.faces < 1 << 30, 'base mesh: it has too many faces')
         self.bounds_min, self.bounds_max, self.grid = reader.raw('3f'), reader.raw('3f'), reader.raw('4d')
         self.metres_per_unit, self.deviation, self.step = reader.raw('3d')
         require(self.vertices == self.base_vertices + self.records, 'base mesh: its counts do not fit')
@@ -341,7 +342,7 @@ class Mesh:
         self.positions = array.array('f', base.positions)
         self.positions.extend(array.array('f', bytes(12)) * base.records)
         self.corners = array.array('i', [-1]) * (3 * base.faces)
-        self.opposite = array.array('i', [-1]) * (3 * base.faces)
+        self.opposite = array.array('q', [-1]) * (3 * base.faces)
         self.present = bytearray(b'\1') * base.base_vertices + bytearray(base.records)
         self.is_finest = bytearray(base.faces)
         self.changed_by = array.array('i', [-1]) * base.faces

@@ -174,7 +174,7 @@ class RecordEncoder {
     }
     std::uint32_t bit = 0;
     for (int i = 0; i < part.born_count; ++i) shape.finest |= std::uint32_t{part.born[i].is_finest()} << bit++;
-    shape.finest |= std::uint32_t{part.finest} << bit;
+    shape.finest |= (part.finest & ((1u << part.deformed_count) - 1)) << bit;
     return shape.symbol();
   }
 

@@ -5,6 +5,7 @@
 #include <span>
 #include <string>
 
+#include "spm/assert.hpp"
 #include "spm/ids.hpp"
 #include "spm/offline/arrange.hpp"
 #include "spm/offline/parallel.hpp"
@@ -92,9 +93,10 @@ class DependencyFinder {
     }
     const std::span<MovedCorner> fan{segment.moved.data() + c.first_moved, end.first_moved - c.first_moved};
     for (MovedCorner& moved : fan) {
-      // The face begins at another corner if a record bears it.
+      // born_face has rotated the corners of a face that a later collapse removed.
       const Triangle& face = collapses_.corners[moved.face()];
       moved.set_corner(static_cast<std::uint32_t>(std::find(face.begin(), face.end(), c.t) - face.begin()));
+      TACTUS_CHECK(moved.corner() < 3);
     }
     order_fan(fan, collapses_.corners);
     for (const MovedCorner& moved : fan) {

@@ -55,7 +55,7 @@ struct Collapse {
   std::uint32_t first_dying, first_moved;
 };
 
-/// A corner that a collapse moves from u to t, in the fewest bytes.
+/// A corner that a collapse moves from u to t, packed into 4 bytes.
 class MovedCorner {
  public:
   /// `is_finest`: no earlier collapse changed the face.
@@ -67,6 +67,7 @@ class MovedCorner {
   void set_corner(std::uint32_t corner) noexcept { bits_ = (bits_ & ~6u) | corner << 1; }
 
  private:
+  static_assert(kMaxBuiltFaces <= 1u << 29);
   std::uint32_t bits_;
 };
 

@@ -20,7 +20,8 @@ class ModelError : public std::runtime_error {
   throw ModelError{path.string() + ": " + what};
 }
 
-/// The builder packs the index of a face with a corner and a flag into 32 bits.
+/// Number of faces from which on the builder refuses a mesh. It sums the dependencies of all records in 32 bits; a
+/// record has about five.
 inline constexpr std::uint32_t kMaxBuiltFaces = 1u << 28;
 
 using Triangle = std::array<std::uint32_t, 3>;

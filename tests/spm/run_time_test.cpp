@@ -296,54 +296,70 @@ TEST_P(RunTime, FacesWithIdsInTheWholeRangeAreLoadedRefinedAndTouchedLikeOthers)
   spm::Pool pool{large_pool()};
   spm::NodePool nodes{large_pool().tree_nodes};
   spm::Cache cache{pool};
-  spm::Cache::Admitted admitted = cache.admit(base);
-  ASSERT_TRUE(admitted.fits);
-  spm::Forest forest{pool,
-                     nodes,
-                     admitted.object,
-                     base.summary,
-                     spm::RegionGrid{base.summary.grid, std::span<const spm::Region>{base.regions}},
-                     std::move(admitted.base)};
-  ASSERT_EQ(forest.tree().height(), 10u);
+  // Two objects with the same model, as the keys of tree nodes contain the object too.
+  std::vector<std::pair<spm::ObjectIndex, std::unique_ptr<spm::Forest>>> objects;
+  for (int i = 0; i < 2; ++i) {
+    spm::Cache::Admitted admitted = cache.admit(base);
+    ASSERT_TRUE(admitted.fits);
+    spm::RegionGrid grid{base.summary.grid, std::span<const spm::Region>{base.regions}};
+    objects.emplace_back(admitted.object, std::make_unique<spm::Forest>(pool, nodes, admitted.object, base.summary,
+                                                                        std::move(grid), std::move(admitted.base)));
+    ASSERT_EQ(objects.back().second->tree().height(), 10u);
+  }
+  const std::uint32_t free_before = cache.slots_free();
   for (const RegionId region : regions_) {
     spm::RegionData data = usual.message(region);
     renumber(data, renumbered);
-    spm::RegionList list;
-    ASSERT_EQ(cache.accept(admitted.object, data, list_summary(model_.regions[index(region)]), list),
-              AcceptResult::kAccepted);
-    forest.add(region, list);
+    for (const auto& [object, forest] : objects) {
+      spm::RegionList list;
+      ASSERT_EQ(cache.accept(object, data, list_summary(model_.regions[index(region)]), list), AcceptResult::kAccepted);
+      forest->add(region, list);
+    }
     ASSERT_EQ(usual.load(region), AcceptResult::kAccepted);
   }
-  std::vector<RegionId> targets = regions_;
-  for (const std::size_t count : {regions_.size(), regions_.size() / 2}) {
-    targets.resize(count);
-    ASSERT_EQ(usual.refine(targets), Advance::kDone);
-    forest.set_targets(targets.data(), static_cast<std::uint32_t>(count), spm::Unrequested::kCoarsen);
+  const auto refine = [](spm::Forest& forest, const std::vector<RegionId>& targets) {
+    forest.set_targets(targets.data(), static_cast<std::uint32_t>(targets.size()), spm::Unrequested::kCoarsen);
     spm::Budget budget{1u << 30};
     ASSERT_EQ(forest.advance(budget), Advance::kDone);
     forest.refit(nullptr, 0);
     EXPECT_THAT(forest.violations(), IsEmpty());
-    EXPECT_THAT(cache.violations(), IsEmpty());
-    EXPECT_EQ(forest.mesh_hash(), usual.forest().mesh_hash());
-
-    const spm::AbTree &tree = forest.tree(), &usual_tree = usual.forest().tree();
-    const std::vector<spm::LeafLane> shown = tree.shown(), usually_shown = usual_tree.shown();
-    ASSERT_EQ(shown.size(), usually_shown.size());
-    for (std::size_t i = 0; i < shown.size(); ++i) {
-      ASSERT_EQ(tree.face(shown[i]), renumbered(usual_tree.face(usually_shown[i])));
-      ASSERT_EQ(tree.corners(shown[i]), usual_tree.corners(usually_shown[i]));
-      ASSERT_EQ(tree.is_finest(shown[i]), usual_tree.is_finest(usually_shown[i]));
+  };
+  const std::vector<RegionId> half{regions_.begin(),
+                                   regions_.begin() + static_cast<std::ptrdiff_t>(regions_.size() / 2)};
+  for (const std::vector<RegionId>& targets : {regions_, half}) {
+    ASSERT_EQ(usual.refine(targets), Advance::kDone);
+    const spm::AbTree& usual_tree = usual.forest().tree();
+    const std::vector<spm::LeafLane> usually_shown = usual_tree.shown();
+    for (const auto& [object, forest] : objects) {
+      refine(*forest, targets);
+      EXPECT_EQ(forest->mesh_hash(), usual.forest().mesh_hash());
+      const spm::AbTree& tree = forest->tree();
+      const std::vector<spm::LeafLane> shown = tree.shown();
+      ASSERT_EQ(shown.size(), usually_shown.size());
+      for (std::size_t i = 0; i < shown.size(); ++i) {
+        ASSERT_EQ(tree.face(shown[i]), renumbered(usual_tree.face(usually_shown[i])));
+        ASSERT_EQ(tree.corners(shown[i]), usual_tree.corners(usually_shown[i]));
+        ASSERT_EQ(tree.is_finest(shown[i]), usual_tree.is_finest(usually_shown[i]));
+      }
+      std::vector<spm::Contact> contacts(4096);
+      std::set<std::uint32_t> touched, usually_touched;
+      const auto touch = [&](const spm::AbTree& by) {
+        return by.find_contacts((low_ + high_) / 2, size_ / 8, contacts.data(), 4096);
+      };
+      for (std::uint32_t i = touch(tree); i-- > 0;) touched.insert(index(contacts[i].face));
+      for (std::uint32_t i = touch(usual_tree); i-- > 0;) usually_touched.insert(index(renumbered(contacts[i].face)));
+      EXPECT_FALSE(touched.empty());
+      EXPECT_EQ(touched, usually_touched);
     }
-    std::vector<spm::Contact> contacts(4096);
-    std::set<std::uint32_t> touched, usually_touched;
-    const auto touch = [&](const spm::AbTree& by) {
-      return by.find_contacts((low_ + high_) / 2, size_ / 8, contacts.data(), 4096);
-    };
-    for (std::uint32_t i = touch(tree); i-- > 0;) touched.insert(index(contacts[i].face));
-    for (std::uint32_t i = touch(usual_tree); i-- > 0;) usually_touched.insert(index(renumbered(contacts[i].face)));
-    EXPECT_FALSE(touched.empty());
-    EXPECT_EQ(touched, usually_touched);
+    EXPECT_THAT(cache.violations(), IsEmpty());
   }
+  for (const auto& [object, forest] : objects) {
+    for (const RegionId region : regions_) forest->retire(region);
+    refine(*forest, {});
+    for (RegionId region; (region = forest->take_retired()) != spm::kNone;) cache.release(object, region);
+  }
+  EXPECT_EQ(cache.slots_free(), free_before);
+  EXPECT_THAT(cache.violations(), IsEmpty());
 }
 
 TEST(CacheCounts, AnObjectIsRefusedWhileThereAre64Others) {
