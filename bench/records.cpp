@@ -168,7 +168,7 @@ Bisection bisection(std::uint32_t k) {
         for (const std::uint32_t v : Triangle{triangle}) stars.remove(v, face);
         removed[face] = true;
       } else {
-        segment.moved.emplace_back(face, u_at, !touched[face]);
+        segment.moved.emplace_back(face, !touched[face]);
         triangle[u_at] = t;
         stars.remove(u, face);
         stars.add(t, face);
@@ -278,12 +278,13 @@ Report run(const Settings& settings) {
   const std::vector<Triangle> finest = grid.mesh.faces;
   const Dependencies bisected = dependencies(grid.collapses, grid.mesh.positions.size());
   std::size_t different_faces = 0, larger_records = 0;
-  for (std::size_t face = 0; face < finest.size(); ++face) {
-    Triangle corners = grid.collapses.corners[face];  // in another rotation if a collapse has removed the face
-    for (int turn = 0; turn < 2 && corners != finest[face]; ++turn)
-      std::rotate(corners.begin(), corners.begin() + 1, corners.end());
-    different_faces += corners != finest[face] ? 1 : 0;
-  }
+  // The corners of a face that a collapse has removed are rotated.
+  const auto from_smallest = [](Triangle corners) {
+    std::rotate(corners.begin(), std::min_element(corners.begin(), corners.end()), corners.end());
+    return corners;
+  };
+  for (std::size_t face = 0; face < finest.size(); ++face)
+    different_faces += from_smallest(grid.collapses.corners[face]) != from_smallest(finest[face]) ? 1 : 0;
   const Segment& segment = grid.collapses.segments.front();
   for (std::uint32_t i = 0; i < segment.size(); ++i)
     larger_records += segment.sequence[i + 1].first_moved - segment.sequence[i].first_moved > 2 ? 1 : 0;

@@ -93,7 +93,6 @@ class DependencyFinder {
     }
     const std::span<MovedCorner> fan{segment.moved.data() + c.first_moved, end.first_moved - c.first_moved};
     for (MovedCorner& moved : fan) {
-      // born_face has rotated the corners of a face that a later collapse removed.
       const Triangle& face = collapses_.corners[moved.face()];
       moved.set_corner(static_cast<std::uint32_t>(std::find(face.begin(), face.end(), c.t) - face.begin()));
       TACTUS_CHECK(moved.corner() < 3);

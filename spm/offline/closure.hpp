@@ -33,9 +33,9 @@ struct Dependencies {
   }
 };
 
-/// Finds all dependencies. Sorts the moved corners of each collapse by order_fan(), and sets `collapses.corners` to the
-/// finest mesh, in which corner 0 of a face that a collapse has removed is the vertex u of that collapse. Throws
-/// ModelError if a record has a level above 65535. `threads`: 0: one per processor.
+/// Finds all dependencies. Sets the numbers of the moved corners of each collapse, and sorts these by order_fan(). Sets
+/// `collapses.corners` to the finest mesh, in which corner 0 of a face that a collapse has removed is the vertex u of
+/// that collapse. Throws ModelError if a record has a level above 65535. `threads`: 0: one per processor.
 [[nodiscard]] Dependencies dependencies(Collapses& collapses, std::size_t vertices, unsigned threads = 0);
 
 }  // namespace tactus::spm::offline

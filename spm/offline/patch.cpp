@@ -495,7 +495,7 @@ void Patch::collapse(std::uint32_t u, std::uint32_t t) {
       remove_corner(t, face_of(corner));
       if (vertices_[x].is_inner) remove_corner(x, face_of(corner));
     } else {
-      out_.moved.emplace_back(face.id, k, !face.is_changed);
+      out_.moved.emplace_back(face.id, !face.is_changed);
       face.corner[k] = t;
       corners_[vertices_[t].star + vertices_[t].size++] = corner;
     }

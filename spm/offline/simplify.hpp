@@ -59,9 +59,9 @@ struct Collapse {
 class MovedCorner {
  public:
   /// `is_finest`: no earlier collapse changed the face.
-  MovedCorner(std::uint32_t face, std::uint32_t corner, bool is_finest) noexcept
-      : bits_{face << 3 | corner << 1 | static_cast<std::uint32_t>(is_finest)} {}
+  MovedCorner(std::uint32_t face, bool is_finest) noexcept : bits_{face << 3 | static_cast<std::uint32_t>(is_finest)} {}
   [[nodiscard]] std::uint32_t face() const noexcept { return bits_ >> 3; }
+  /// The number of the corner in the face; dependencies() sets it.
   [[nodiscard]] std::uint32_t corner() const noexcept { return bits_ >> 1 & 3u; }
   [[nodiscard]] bool is_finest() const noexcept { return (bits_ & 1u) != 0; }
   void set_corner(std::uint32_t corner) noexcept { bits_ = (bits_ & ~6u) | corner << 1; }
