@@ -10,6 +10,7 @@
 #include "client_sim/report_page.hpp"
 #include "client_sim/sim.hpp"
 #include "realtime/process.hpp"
+#include "realtime/standard_output.hpp"
 #include "session/modes.hpp"
 #include "session/printable.hpp"
 #include "wire/address/command_line.hpp"
@@ -44,7 +45,8 @@ my.yaml:
 "#n" is the n-th HRTC or static object of the session, in the order of names. Patterns: circle, zigzag, around.
 "lean: 0.5" tilts a following hand by up to 0.5 rad.
 Actions: approach, follow, tap, hold, lift, retreat, wait, grab; after a grab also move and release.
-Exit status: 0 the scenario ran, 1 it stopped early or a user had no probe state, 2 wrong input or the name is taken.)";
+Exit status: 0 the scenario ran, 1 it stopped early, a user had no probe state or the output could not be written,
+2 wrong input or the name is taken.)";
 
 [[noreturn]] void fail_to_write(const std::filesystem::path& file, const std::string& cause) {
   throw std::runtime_error("cannot write the report " + file.string() + ": " + cause);
@@ -112,7 +114,7 @@ int main(int argc, char** argv) {
     if (list) {
       for (const client_sim::BuiltInScenario& built_in : client_sim::built_in_scenarios())
         std::cout << built_in.name << '\n';
-      return 0;
+      return realtime::status_after_output("tactus-sim");
     }
     // Users at a second HRTC appear as participant NAME.2, and so on.
     constexpr std::size_t kSuffix = 3;
@@ -132,7 +134,7 @@ int main(int argc, char** argv) {
     if (!html.empty()) write_report(html, client_sim::html(report));
     const bool are_users_served =
         std::all_of(report.users.begin(), report.users.end(), [](const auto& user) { return user.touch.states > 0; });
-    return report.stop_reason.empty() && are_users_served ? 0 : 1;
+    return realtime::status_after_output("tactus-sim", report.stop_reason.empty() && are_users_served ? 0 : 1);
   } catch (const std::exception& error) {
     std::cerr << "tactus-sim: " << session::printable(error.what()) << '\n';
     return 2;

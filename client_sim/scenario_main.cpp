@@ -4,6 +4,7 @@
 #include <iostream>
 
 #include "client_sim/scenario.hpp"
+#include "realtime/standard_output.hpp"
 #include "session/printable.hpp"
 
 namespace {
@@ -16,7 +17,7 @@ Examples:
   tactus-scenario show touch > mine.yaml
   tactus-sim --session lab --scenario mine.yaml
 
-Exit status: 0 printed, 2 wrong input.)";
+Exit status: 0 printed, 1 the output could not be written, 2 wrong input.)";
 
 void list() {
   for (const client_sim::BuiltInScenario& built_in : client_sim::built_in_scenarios()) {
@@ -48,7 +49,7 @@ int main(int argc, char** argv) {
       list();
     else
       std::cout << client_sim::built_in_scenario(name).text;
-    return 0;
+    return realtime::status_after_output("tactus-scenario");
   } catch (const std::exception& error) {
     std::cerr << "tactus-scenario: " << session::printable(error.what()) << '\n';
     return 2;

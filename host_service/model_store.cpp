@@ -70,11 +70,22 @@ class Hasher {
   }();
 };
 
-/// The time now by the clock with which the system marks changes of files, s since 1970.
+double seconds(const timespec& time) {
+  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
+}
+
+/// Returns the time by the clock with which the system marks changes of files, s since 1970. That clock advances every
+/// few ms. The function waits for this, so that all changes before the call have earlier times than it returns.
 double file_time() {
-  timespec now{};
-  ::clock_gettime(CLOCK_REALTIME, &now);
-  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+  const auto now = [] {
+    timespec time{};
+    ::clock_gettime(CLOCK_REALTIME_COARSE, &time);
+    return seconds(time);
+  };
+  const double called = now();
+  double advanced = called;
+  while ((advanced = now()) == called) std::this_thread::sleep_for(std::chrono::microseconds{100});
+  return advanced;
 }
 
 /// Returns a hash of a model and of the files that its reader requests. Reads each file once, and none that the reader
@@ -92,9 +103,7 @@ std::uint64_t content_hash(const std::filesystem::path& model, const FileNames& 
     const std::unique_ptr<std::FILE, decltype(&std::fclose)> file{::fdopen(descriptor, "rb"), &std::fclose};
     struct stat status {};
     if (!file || ::fstat(descriptor, &status) != 0) throw ModelError{model.string() + ": cannot read the file " + name};
-    const double changed =
-        static_cast<double>(status.st_ctim.tv_sec) + 1e-9 * static_cast<double>(status.st_ctim.tv_nsec);
-    if (changed >= read_from)
+    if (seconds(status.st_ctim) >= read_from)
       throw ModelError{model.string() + ": the file " + name +
                        " changed while it was read; start again when it is whole"};
     const auto [found, is_new] = numbers.try_emplace({status.st_dev, status.st_ino}, numbers.size() + 1);

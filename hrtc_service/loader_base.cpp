@@ -7,12 +7,6 @@
 namespace tactus::hrtc_service {
 namespace {
 
-/// Whether a base mesh has the digest of the catalogue entry, and the numbers on which its directory depends.
-bool is_same_model(const spm::ModelSummary& a, const spm::ModelSummary& b) noexcept {
-  return a.digest == b.digest && a.regions == b.regions && a.records == b.records && a.base_faces == b.base_faces &&
-         a.base_vertices == b.base_vertices;
-}
-
 constexpr double kMinDamping = 3e-3;  // s; min damping / stiffness of a body; docs/explanation/shared-objects.md
 
 }  // namespace
@@ -21,10 +15,10 @@ constexpr double kMinDamping = 3e-3;  // s; min damping / stiffness of a body; d
 /// these slots first. So an object is refused only if its base mesh does not fit besides the other base meshes.
 void Loader::on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes) {
   auto decoded = spm::codec::decode_base(std::span<const std::uint8_t>{bytes});
-  if (!decoded || !is_same_model(decoded->mesh.summary, object.summary)) {
+  if (!decoded || decoded->mesh.summary != object.summary) {
     ++figures_.decode_errors;
-    report_warning("object " + object.info.name +
-                   ": base mesh refused: " + (decoded ? "it belongs to another model" : decoded.error().text));
+    report_warning("object " + object.info.name + ": base mesh refused: " +
+                   (decoded ? "it is not the one that the catalogue describes" : decoded.error().text));
     delivery_.answer_base_refused(object.info.id);
     return;
   }

@@ -10,6 +10,7 @@
 #include "latency/run.hpp"
 #include "netem/profile.hpp"
 #include "realtime/process.hpp"
+#include "realtime/standard_output.hpp"
 #include "session/printable.hpp"
 #include "wire/address/command_line.hpp"
 #include "wire/participants.hpp"
@@ -35,7 +36,8 @@ On two machines:
 Options from --transport to --link accept several values, separated by commas. Every combination of values is a test.
 Links need root.
 
-Exit status: 0 done, 2 wrong input or missing support of machine or network, 130 interrupted.)";
+Exit status: 0 done, 1 the output could not be written, 2 wrong input or missing support of machine or network,
+130 interrupted.)";
 
 template <class Enum, std::size_t n>
 CLI::Option* add_axis(CLI::App& app, const std::string& name, std::vector<Enum>& values,
@@ -209,7 +211,9 @@ int main(int argc, char** argv) {
   }
   const std::atomic<bool>& cancelled = tactus::realtime::stop_signal();
   try {
-    return *serve_command ? serve_all(options, cancelled) : run(options, run_info(argc, argv), cancelled);
+    return *serve_command
+               ? serve_all(options, cancelled)
+               : tactus::realtime::status_after_output("tactus-latency", run(options, run_info(argc, argv), cancelled));
   } catch (const std::exception& error) {
     std::cerr << "tactus-latency: " << tactus::session::printable(error.what()) << '\n';
     return kWrongInput;

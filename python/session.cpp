@@ -37,12 +37,13 @@ std::string seconds_text(double seconds) {
   throw py::error_already_set();
 }
 
-/// Calls `condition` every few milliseconds, without the interpreter's lock in between. Returns false after `timeout`.
+/// Calls `condition` every few milliseconds, without the interpreter's lock in between. Returns false after `timeout`;
+/// after the first call if this is NaN.
 template <class Condition>
 bool poll(double timeout, Condition condition) {
   const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>{timeout};
   while (!condition()) {
-    if (std::chrono::steady_clock::now() > end) return false;
+    if (!(std::chrono::steady_clock::now() <= end)) return false;
     if (PyErr_CheckSignals() != 0) throw py::error_already_set();
     const py::gil_scoped_release no_gil;
     std::this_thread::sleep_for(kPoll);

@@ -113,7 +113,8 @@ const char* invalid_field(const spm::ModelSummary& s) noexcept {
   if (s.base_vertices > s.vertices || s.records != s.vertices - s.base_vertices) {
     return "summary.records: expected vertices - base_vertices";
   }
-  if (s.faces == 0 || s.base_faces > s.faces) return "summary.faces: expected at least 1 and base_faces";
+  if (s.faces == 0 || s.base_faces > s.faces || s.faces >= spm::kMaxFaces)
+    return "summary.faces: expected at least 1 and base_faces, below 2^30";
   if (s.parts < s.records) return "summary.parts: expected at least records";
   if (!all_finite(s.bounds_min) || !all_finite(s.bounds_max)) return "summary.bounds: expected finite numbers";
   for (std::size_t axis = 0; axis < 3; ++axis) {

@@ -34,6 +34,7 @@ static_assert(sizeof(BaseFace) == 20);
 struct GridFrame {
   std::array<double, 3> origin;
   double cell_size;
+  [[nodiscard]] bool operator==(const GridFrame&) const noexcept = default;
 };
 inline constexpr std::uint32_t kMaxCellDepth = 8;
 inline constexpr std::uint32_t kMaxCellsPerSide = 1u << 13;  ///< cells of depth 0 along an axis
@@ -86,6 +87,7 @@ struct ModelSummary {
   /// profile). Otherwise each coordinate is the float nearest to `bounds_min + n * position_step` with a whole number
   /// n < 2^24 (compact profile).
   double position_step;
+  [[nodiscard]] bool operator==(const ModelSummary&) const noexcept = default;
 };
 
 /// Longest side of the bounds, file units.

@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "realtime/process.hpp"
+#include "realtime/standard_output.hpp"
 #include "session/printable.hpp"
 #include "study/results.hpp"
 #include "study/runner.hpp"
@@ -39,7 +40,7 @@ my-study.yaml:
 
 Everything runs in virtual time. If a study was interrupted, the same command with the same folder continues it.
 docs/how-to/studies.md describes how scenarios define measurements, and each figure.
-Exit status: 0 done, 1 a run failed, 2 wrong input, 130 interrupted. With 1 and 130 the study has written the tables of
+Exit status: 0 done, 1 a run failed or the output could not be written, 2 wrong input, 130 interrupted. With 1 and 130 the study has written the tables of
 its finished runs.)";
 
 struct Options {
@@ -223,7 +224,7 @@ int main(int argc, char** argv) {
   }
   const std::atomic<bool>& cancelled = realtime::stop_signal();
   try {
-    return run(options, command, cancelled);
+    return realtime::status_after_output("tactus-study", run(options, command, cancelled));
   } catch (const std::exception& error) {
     std::cerr << "tactus-study: " << session::printable(error.what()) << '\n';
     return kWrongInput;

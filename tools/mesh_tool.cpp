@@ -12,6 +12,7 @@
 #include <string>
 #include <utility>
 
+#include "realtime/standard_output.hpp"
 #include "session/printable.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
@@ -23,7 +24,6 @@
 #include "tools/audit.hpp"
 #include "tools/audit_report.hpp"
 #include "tools/mesh_report.hpp"
-#include "tools/terminal_output.hpp"
 #include "trace/private_file.hpp"
 #include "wire/address/finite_range.hpp"
 
@@ -374,7 +374,7 @@ int run_mesh_tool(int argc, const char* const* argv, ToolStreams streams) {
     line.app().parse(argc, argv);
     const int status = line.run(streams);
     if (status != kDone || streams.out.flush()) return status;
-    return failed_output_status("tactus-mesh", errno, streams.errors);
+    return realtime::failed_output_status("tactus-mesh", errno, streams.errors);
   } catch (const CLI::ParseError& e) {
     return line.app().exit(e, streams.out, streams.errors) == 0 ? kDone : kBadInput;
   } catch (const std::bad_alloc&) {

@@ -293,11 +293,13 @@ TEST_F(WrongInputTest, IsRefusedByTheMeshTool) {
 }
 
 TEST_F(WrongInputTest, AnOutputThatCannotBeWrittenIsReported) {
-  Strings command = program("mesh", {"info", path("good.spm")});
-  command.insert(command.begin(), {"/bin/sh", "-c", "exec \"$0\" \"$@\" > /dev/full"});
-  Process writer{command};
-  EXPECT_EQ(writer.wait(), 1) << writer.output();
-  EXPECT_THAT(writer.output(), HasSubstr("cannot write the output: No space left on device"));
+  for (Strings command : {program("mesh", {"info", path("good.spm")}), program("sim", {"--list"}),
+                          program("keys", {"init", path("authority")})}) {
+    command.insert(command.begin(), {"/bin/sh", "-c", "exec \"$0\" \"$@\" > /dev/full"});
+    Process writer{command};
+    EXPECT_EQ(writer.wait(), 1) << writer.output();
+    EXPECT_THAT(writer.output(), HasSubstr("cannot write the output: No space left on device"));
+  }
 }
 
 }  // namespace

@@ -269,13 +269,19 @@ TEST_F(WithdrawalTest, AThousandOfferedAndWithdrawnObjectsLeaveNoMemoryInUse) {
 
 TEST_F(WithdrawalTest, ABaseMeshThatTheCatalogueDoesNotDescribeLeavesNoMemoryInUse) {
   const MemoryUse before = memory_use();
-  for (const std::uint32_t factor : {2u, 1000u}) {
-    change_entry_ = [factor](session::CatalogueEntry& entry) { entry.summary.base_faces *= factor; };
-    Host& host = add_host("host", "sphere " + std::to_string(factor), small_sphere(), {0, 0, 0});
+  const std::vector<std::function<void(spm::ModelSummary&)>> changes{
+      [](spm::ModelSummary& summary) { summary.base_faces *= 2; },
+      [](spm::ModelSummary& summary) { summary.base_faces *= 1000; },
+      [](spm::ModelSummary& summary) { summary.faces = spm::kMaxFaces - 1; },
+      [](spm::ModelSummary& summary) { summary.grid.cell_size *= 2; },
+  };
+  for (std::size_t change = 0; change < changes.size(); ++change) {
+    change_entry_ = [&](session::CatalogueEntry& entry) { changes[change](entry.summary); };
+    Host& host = add_host("host", "sphere " + std::to_string(change), small_sphere(), {0, 0, 0});
     move_tip(pressed_on({0, 0, 0}));
-    EXPECT_FALSE(run_until([&] { return touches(); }, 1000)) << factor;
+    EXPECT_FALSE(run_until([&] { return touches(); }, 1000)) << change;
     leave(host);
-    EXPECT_TRUE(run_until([&] { return memory_use() == before; })) << factor;
+    EXPECT_TRUE(run_until([&] { return memory_use() == before; })) << change;
     hosts_.clear();
   }
 }

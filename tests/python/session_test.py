@@ -294,6 +294,8 @@ class SessionTest(FolderTest):
         session = self.join()
         with self.assertRaisesRegex(TimeoutError, "the condition did not hold within 0.1"):
             session.wait(lambda: False, 0.1)
+        with self.assertRaises(TimeoutError):
+            session.wait(lambda: False, float("nan"))
         with self.assertRaisesRegex(TimeoutError, "not served: zoe by nowhere"):
             session.join("zoe", "nowhere", timeout=0.1)
         self.assertIsNone(session.time)

@@ -156,6 +156,7 @@ TEST(Check, NamesTheWrongFieldOfACatalogueEntry) {
   expect_invalid(catalogue(), "records", [](auto& c) { c.summary.records = 5; });
   expect_invalid(catalogue(), "records", [](auto& c) { c.summary.base_vertices = 9; });
   expect_invalid(catalogue(), "faces", [](auto& c) { c.summary.base_faces = 13; });
+  expect_invalid(catalogue(), "faces", [](auto& c) { c.summary.faces = spm::kMaxFaces; });
   expect_invalid(catalogue(), "parts", [](auto& c) { c.summary.parts = 3; });
   expect_invalid(catalogue(), "bounds", [](auto& c) { c.summary.bounds_min[1] = 1; });
   expect_invalid(catalogue(), "cell_size", [](auto& c) { c.summary.grid.cell_size = -1; });

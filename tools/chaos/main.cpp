@@ -15,6 +15,7 @@
 #include <variant>
 
 #include "realtime/process.hpp"
+#include "realtime/standard_output.hpp"
 #include "session/percentile.hpp"
 #include "session/printable.hpp"
 #include "tools/chaos/health.hpp"
@@ -40,8 +41,8 @@ Examples:
 Without --restart it kills gateways only, which HRTCs start again. The faults loss and cut need root and nft, and affect
 the packets that arrive at this machine, or at the network namespace of this program. Ctrl-C ends every fault. Users
 feel the faults: do not run it while a person holds a device.
-Exit status: 0 the session recovered from every fault without a violation, 1 it did not, or there was no fault, 2 wrong
-input or no session, 130 interrupted.)";
+Exit status: 0 the session recovered from every fault without a violation, 1 it did not, or there was no fault, or the
+output could not be written, 2 wrong input or no session, 130 interrupted.)";
 
 constexpr auto kPollPeriod = std::chrono::milliseconds{10};
 constexpr std::int64_t kSecond = 1'000'000'000;
@@ -388,7 +389,7 @@ int main(int argc, char** argv) {
   (void)realtime::stop_signal();
   std::signal(SIGPIPE, SIG_IGN);  // Ctrl-C also ends nft
   try {
-    return Run{options}.run();
+    return realtime::status_after_output("tactus-chaos", Run{options}.run());
   } catch (const Interrupted&) {
     std::printf("\ninterrupted: every fault has ended\n");
     return 130;

@@ -5,10 +5,10 @@
 #include <iostream>
 
 #include "realtime/process.hpp"
+#include "realtime/standard_output.hpp"
 #include "session/printable.hpp"
 #include "tools/doctor/findings.hpp"
 #include "tools/doctor/vulnerabilities.hpp"
-#include "tools/terminal_output.hpp"
 #include "wire/address/command_line.hpp"
 #include "wire/address/finite_range.hpp"
 #include "wire/footprint.hpp"
@@ -23,9 +23,6 @@ Examples:
 
 A fault prevents a session. Without a remedy for advice, a session has more latency or loss. Remedies follow ->.
 Exit status: 0 no fault, 1 a fault or the output could not be written, 2 wrong input, 130 interrupted.)";
-
-/// Returns the exit status after all output.
-int written() { return std::cout.flush() ? 0 : tactus::tools::failed_output_status("tactus-doctor", errno); }
 
 }  // namespace
 
@@ -59,7 +56,7 @@ int main(int argc, char** argv) {
   if (lists_vulnerabilities) {
     const std::string version = wire::library_version();
     std::cout << doctor::text(doctor::vulnerabilities(version), version);
-    return written();
+    return realtime::status_after_output("tactus-doctor");
   }
   const std::atomic<bool>& cancelled = realtime::stop_signal();
   try {

@@ -5,9 +5,9 @@
 #include <iostream>
 #include <nlohmann/json.hpp>
 
+#include "realtime/standard_output.hpp"
 #include "session/printable.hpp"
 #include "tools/judge/judge.hpp"
-#include "tools/terminal_output.hpp"
 #include "wire/address/finite_range.hpp"
 
 namespace {
@@ -61,8 +61,7 @@ int main(int argc, char** argv) {
     for (const std::string& audit : audits) read_audits.push_back(read(audit));
     const std::vector<judge::Row> rows = judge::judge(read(report), read_audits, expectations);
     std::cout << (as_json ? judge::json(rows).dump(2) + "\n" : judge::text(rows));
-    if (!judge::all_hold(rows)) return 1;
-    return std::cout.flush() ? 0 : tools::failed_output_status("tactus-judge", errno);
+    return realtime::status_after_output("tactus-judge", judge::all_hold(rows) ? 0 : 1);
   } catch (const std::exception& error) {
     std::cerr << "tactus-judge: " << session::printable(error.what()) << '\n';
     return 2;

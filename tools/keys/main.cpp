@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "keys/authority.hpp"
+#include "realtime/standard_output.hpp"
 #include "session/printable.hpp"
 
 namespace {
@@ -27,7 +28,7 @@ Examples:
   tactus-hrtc --session lab --name desk --keys desk-keys
 
 All programs of a session need keys of one authority. All samples are encrypted, and others cannot join.
-Exit status: 0 done, 2 wrong input.)";
+Exit status: 0 done, 1 done, but the output could not be written, 2 wrong input.)";
 
 const char* purpose_of(keys::Role role) {
   switch (role) {
@@ -216,7 +217,7 @@ int main(int argc, char** argv) {
   try {
     app.parse(argc, argv);
     action();
-    return 0;
+    return realtime::status_after_output("tactus-keys");
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : 2;
   } catch (const fs::filesystem_error& error) {

@@ -19,6 +19,7 @@
 #include <vector>
 
 #include "realtime/process.hpp"
+#include "realtime/standard_output.hpp"
 #include "session/messages.hpp"
 #include "session/printable.hpp"
 #include "tools/scene/scene.hpp"
@@ -47,8 +48,8 @@ The recording ends with Ctrl-C, or after --seconds. Messages are encoded as CDR,
 MCAP readers that support omgidl can show them. The topics /scene/objects, /scene/probes, /tf and /events show the
 session in Foxglove and Lichtblick; the layout for both is share/tactus/foxglove-layout.json. To hosts the recorder is one more HRTC, unless --without-bulk omits the
 meshes.
-Exit status: 0 recorded, 1 the file could not be written completely, 2 wrong input, 130 interrupted before any
-message.)";
+Exit status: 0 recorded, 1 the file or the output could not be written completely, 2 wrong input, 130 interrupted
+before any message.)";
 
 constexpr auto kFlushPeriod = std::chrono::seconds{1};  // a kill loses at most the messages of this time
 
@@ -361,8 +362,8 @@ int main(int argc, char** argv) {
   }
   const std::atomic<bool>& cancelled = realtime::stop_signal();
   try {
-    if (!csv.empty()) return to_csv(file, csv);
-    return record(address, file, settings, cancelled);
+    const int status = csv.empty() ? record(address, file, settings, cancelled) : to_csv(file, csv);
+    return realtime::status_after_output("tactus-record", status);
   } catch (const std::exception& error) {
     std::cerr << "tactus-record: " << session::printable(error.what()) << '\n';
     return 2;

@@ -13,9 +13,9 @@
 #include <vector>
 
 #include "hrtc_service/flight_replay.hpp"
+#include "realtime/standard_output.hpp"
 #include "session/printable.hpp"
 #include "spm/offline/model_file.hpp"
-#include "tools/terminal_output.hpp"
 #include "trace/private_file.hpp"
 
 namespace {
@@ -128,8 +128,7 @@ int main(int argc, char** argv) {
     const hrtc_service::FlightReport report = hrtc_service::replay_flight(file, options);
     if (table) table->close();
     print(report);
-    if (report.different_cycles > 0) return 1;
-    return std::cout.flush() ? 0 : tools::failed_output_status("tactus-replay", errno);
+    return realtime::status_after_output("tactus-replay", report.different_cycles > 0 ? 1 : 0);
   } catch (const std::exception& error) {
     std::cerr << "tactus-replay: " << session::printable(error.what()) << '\n';
     return 2;

@@ -10,8 +10,8 @@
 #include <optional>
 #include <variant>
 
+#include "realtime/standard_output.hpp"
 #include "session/printable.hpp"
-#include "tools/terminal_output.hpp"
 #include "tools/top/overview.hpp"
 #include "wire/address/command_line.hpp"
 #include "wire/address/finite_range.hpp"
@@ -153,7 +153,7 @@ int show_once(const Options& options, const std::atomic<bool>& cancelled) {
   while (monotonic_ns() < end_ns && !cancelled) observer.receive();
   if (cancelled) return 130;
   std::cout << top::plain(observer.overview().screen(monotonic_ns())) << std::flush;
-  return std::cout ? 0 : tools::failed_output_status("tactus-top", errno);
+  return std::cout ? 0 : realtime::failed_output_status("tactus-top", errno);
 }
 
 int show_repeatedly(const Options& options, const std::atomic<bool>& cancelled) {
@@ -163,7 +163,7 @@ int show_repeatedly(const Options& options, const std::atomic<bool>& cancelled) 
   std::int64_t next_ns = monotonic_ns();
   do {
     terminal.show(observer.overview().screen(monotonic_ns()));
-    if (!std::cout) return tools::failed_output_status("tactus-top", errno);
+    if (!std::cout) return realtime::failed_output_status("tactus-top", errno);
     next_ns = std::max(next_ns + period_ns, monotonic_ns());
   } while (receive_until(next_ns, observer, terminal, cancelled));
   return cancelled ? 130 : 0;

@@ -10,8 +10,8 @@
 #include <set>
 #include <thread>
 
+#include "realtime/standard_output.hpp"
 #include "session/printable.hpp"
-#include "tools/terminal_output.hpp"
 #include "tools/watch/sample_text.hpp"
 #include "wire/address/command_line.hpp"
 #include "wire/address/finite_range.hpp"
@@ -203,13 +203,13 @@ int print_samples(const Options& options, const std::atomic<bool>& cancelled) {
       std::this_thread::sleep_for(kPollPeriod);
       continue;
     }
-    if (!print_arrived(kPollPeriod)) return tools::failed_output_status("tactus-watch", errno);
+    if (!print_arrived(kPollPeriod)) return realtime::failed_output_status("tactus-watch", errno);
     if (has_hinted || printer.printed() > 0 || now_ns - begin_ns < kHintNs) continue;
     has_hinted = true;
     std::cerr << "tactus-watch: no sample yet of " << printer.search() << '\n';
   }
   // Prints the samples that arrived after the last call, or before the first one.
-  if (!print_arrived(std::chrono::milliseconds{0})) return tools::failed_output_status("tactus-watch", errno);
+  if (!print_arrived(std::chrono::milliseconds{0})) return realtime::failed_output_status("tactus-watch", errno);
   if (inbox.dropped() > 0)
     std::cerr << "tactus-watch: dropped " << inbox.dropped()
               << " samples, which arrived faster than they were printed\n";
