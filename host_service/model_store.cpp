@@ -74,18 +74,14 @@ double seconds(const timespec& time) {
   return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
 }
 
-/// Returns the time by the clock with which the system marks changes of files, s since 1970. That clock advances every
-/// few ms. The function waits for this, so that all changes before the call have earlier times than it returns.
+/// Returns a time between those of all changes of files before and after this call, s since 1970. The system marks a
+/// change with the time of its last tick, which may be some ms ago, so the call takes twice as long.
 double file_time() {
-  const auto now = [] {
-    timespec time{};
-    ::clock_gettime(CLOCK_REALTIME_COARSE, &time);
-    return seconds(time);
-  };
-  const double called = now();
-  double advanced = called;
-  while ((advanced = now()) == called) std::this_thread::sleep_for(std::chrono::microseconds{100});
-  return advanced;
+  constexpr std::chrono::milliseconds kMaxTick{10};
+  timespec called{};
+  ::clock_gettime(CLOCK_REALTIME, &called);
+  std::this_thread::sleep_for(2 * kMaxTick);
+  return seconds(called) + std::chrono::duration<double>{kMaxTick}.count();
 }
 
 /// Returns a hash of a model and of the files that its reader requests. Reads each file once, and none that the reader

@@ -52,7 +52,7 @@ class ClosedLoop {
 
   /// Publishes points of the surface as a host does. Without this call the user knows only the bounds.
   void publish_surface() {
-    spm::BaseMesh mesh;
+    spm::BaseMesh mesh{};
     for (const Triangle& triangle : surface_.triangles()) {
       spm::BaseFace face{{}, 1, {}};
       for (std::size_t k = 0; k < 3; ++k) {

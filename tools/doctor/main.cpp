@@ -65,7 +65,7 @@ int main(int argc, char** argv) {
     std::cout << (as_json ? doctor::json(findings) : doctor::text(findings));
     const bool has_fault = std::any_of(findings.begin(), findings.end(),
                                        [](const doctor::Finding& f) { return f.severity == doctor::Severity::kFault; });
-    return has_fault ? 1 : written();
+    return realtime::status_after_output("tactus-doctor", has_fault ? 1 : 0);
   } catch (const std::exception& error) {
     std::cerr << "tactus-doctor: " << session::printable(error.what()) << '\n';
     return 2;
