@@ -78,7 +78,7 @@ void measure(Report& report, const std::string& name, const spm::Model& model, c
                             Field::kBornFirstOfInner, Field::kBornNext, Field::kBornNextOfInner}));
   add_part("radii", bytes_of({Field::kRadius}));
   add_part("closed lists of regions", static_cast<double>(bytes.lists.size()));
-  add_part("base mesh, cells, tables", static_cast<double>(bytes.base.size()));
+  add_part("base mesh, cells, tables", static_cast<double>(bytes.base.size() + bytes.regions.size()));
   add_part("sizes, for random access", static_cast<double>(bytes.sizes.size()));
 
   std::vector<Bytes> messages;

@@ -61,9 +61,9 @@ Scenery::Scenery(const std::vector<StaticObject>& objects, std::uint32_t slots)
     object.index = admitted.object;
     object.placement = sharing::Placement{source.pose, source.scale};
     object.bounds = spm::bounds_of(base.summary);
-    object.forest =
-        std::make_unique<spm::Forest>(pool_, nodes_, admitted.object, base.summary,
-                                      spm::RegionGrid{base.summary.grid, base.regions}, std::move(admitted.base));
+    object.forest = std::make_unique<spm::Forest>(pool_, nodes_, admitted.object, base.summary,
+                                                  spm::RegionGrid{base.summary.grid, source.model->regions()},
+                                                  std::move(admitted.base));
     refine(*object.forest);
     scene_.add({&object.forest->tree(), &object.placement, spm::index(admitted.object)});
   }

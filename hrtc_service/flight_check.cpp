@@ -84,7 +84,7 @@ class Check {
   }
   void operator()(const trace::FlightEvent& event) const {
     using Kind = trace::FlightEvent::Kind;
-    const auto kind = static_cast<std::uint32_t>(event.kind), last = static_cast<std::uint32_t>(Kind::kObjectDeparted);
+    const auto kind = static_cast<std::uint32_t>(event.kind), last = static_cast<std::uint32_t>(Kind::kPageDeparted);
     expect(kind <= last, "event", kind, "at most " + std::to_string(last));
     constexpr auto kLastFault = static_cast<std::uint32_t>(haptics::kLastFault);
     if (event.kind == Kind::kStopped)

@@ -15,6 +15,7 @@
 #include "hrtc_service/servo/flight_recorder.hpp"
 #include "hrtc_service/servo/touch_objects.hpp"
 #include "spm/codec/load_region.hpp"
+#include "spm/directory.hpp"
 
 namespace tactus::hrtc_service {
 namespace {
@@ -149,9 +150,28 @@ class World {
     description.material = {described.stiffness, described.damping, described.static_friction,
                             described.dynamic_friction};
     if (described.movable) description.body = sharing::body_of_bounds(base.summary, description.placement.scale());
-    const std::optional<Arrival> arrival = objects_.add(description, base);
+    const std::optional<Arrival> arrival = objects_.add(description, base, spm::kMaxObjectPages);
     if (!arrival) throw FlightError("object '" + described.name + "' does not fit as it did");
     models_[described.object] = &model;
+    return *arrival;
+  }
+
+  [[nodiscard]] Arrival page(std::uint32_t number, spm::PageId page) {
+    const TouchObject& touch = object(number);
+    Arrival arrival;
+    if (objects_.add_page(number, spm::page_with_id(models_[number]->regions(), page), arrival) !=
+        spm::AcceptResult::kAccepted)
+      throw ImpossibleCall("page " + std::to_string(spm::index(page)) + " of object '" + touch.name +
+                           "' cannot have come");
+    return arrival;
+  }
+
+  [[nodiscard]] Arrival page_drop(std::uint32_t number, spm::PageId page) {
+    const TouchObject& touch = object(number);
+    const std::optional<Arrival> arrival = objects_.drop_page(number, page);
+    if (!arrival)
+      throw ImpossibleCall("page " + std::to_string(spm::index(page)) + " of object '" + touch.name +
+                           "' is not here to be dropped");
     return *arrival;
   }
 
@@ -165,7 +185,7 @@ class World {
                            "' cannot have come");
     Arrival arrival;
     const std::optional<spm::RegionData> data = spm::codec::region_data(model, region, cache, cache_index);
-    const spm::ListSummary expected = spm::list_summary(model.base().regions[spm::index(region)]);
+    const spm::ListSummary expected = spm::list_summary(model.regions()[spm::index(region)]);
     if (!data || objects_.add_region(number, *data, expected, arrival) != spm::AcceptResult::kAccepted)
       throw ImpossibleCall("region " + std::to_string(spm::index(region)) + " of object '" + touch.name +
                            "' does not fit as it did");
@@ -207,6 +227,8 @@ class World {
   void restore(const trace::FlightState& state) {
     for (const trace::FlightObjectState& recorded : state.objects) {
       spm::Forest& forest = *object(recorded.object).forest;
+      for (const std::uint32_t loaded : recorded.loaded_pages)
+        forest.add(*page(recorded.object, spm::PageId{loaded}).page);
       for (const std::uint32_t loaded : recorded.loaded_regions)
         forest.add(spm::RegionId{loaded}, region(recorded.object, spm::RegionId{loaded}).list);
       std::vector<spm::Forest::InUse> in_use;
@@ -317,6 +339,12 @@ class Replay {
         ++report_.regions_arrived;
         arrivals_.push_back(world_->region(event.object, region));
         return;
+      case kPageArrived:
+        arrivals_.push_back(world_->page(event.object, spm::PageId{event.region}));
+        return;
+      case kPageDropped:
+        arrivals_.push_back(world_->page_drop(event.object, spm::PageId{event.region}));
+        return;
       case kRegionRetired:
         arrivals_.push_back(world_->retirement(event.object, region));
         return;
@@ -324,6 +352,7 @@ class Replay {
         ++report_.objects_withdrawn;
         arrivals_.push_back(world_->withdrawal(event.object));
         return;
+      case kPageDeparted:
       case kRegionDeparted:
       case kObjectDeparted:
         ++recorded_departures_;

@@ -56,8 +56,14 @@ void IntakeSender::append(IntakeKind kind, std::uint32_t index, const spm::Cache
 void IntakeSender::add_object(std::uint32_t index, IntakeObject object, const spm::BaseMesh& base) {
   object.summary = base.summary;
   append(IntakeKind::kObject, index, {spm::Cache::slots_for_base(base.summary), 0}, object, base.positions, base.radii,
-         base.faces, base.regions);
+         base.faces);
 }
+
+void IntakeSender::add_page(std::uint32_t index, const spm::Page& page) {
+  append(IntakeKind::kPage, index, {}, IntakePage{page.id, page.first, size_of(page.regions)}, page.regions);
+}
+
+void IntakeSender::drop_page(std::uint32_t index, spm::PageId page) { append(IntakeKind::kDropPage, index, {}, page); }
 
 void IntakeSender::add_region(std::uint32_t index, const spm::RegionData& region, const spm::ListSummary& expected) {
   const IntakeRegion message{

@@ -30,6 +30,8 @@ class IntakeSender {
 
   /// Each of these appends a message to those that `flush` sends. `base.summary` replaces `object.summary`.
   void add_object(std::uint32_t index, IntakeObject object, const spm::BaseMesh& base);
+  void add_page(std::uint32_t index, const spm::Page& page);
+  void drop_page(std::uint32_t index, spm::PageId page);
   void add_region(std::uint32_t index, const spm::RegionData& region, const spm::ListSummary& expected);
   void retire(std::uint32_t index, spm::RegionId region);
   void withdraw(std::uint32_t index);

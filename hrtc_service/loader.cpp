@@ -60,16 +60,15 @@ void Loader::open(const session::CatalogueEntry& entry) {
                    " others, the maximum of an HRTC");
     return postpone(entry);
   }
-  auto object = std::make_unique<Object>();
+  auto object = std::make_unique<Object>(entry, max_pages_of(entry.summary));
   object->info.name = entry.object;
   object->info.id = entry.object_id;
   object->info.digest = entry.summary.digest;
   object->info.scale = entry.scale;
-  object->entry = entry;
-  object->summary = entry.summary;
   Object& added = *object;
   objects_[entry.object_id] = std::move(object);
   if (!reserve_directory(added)) return;
+  last_prediction_ns_ = next_prediction_ns_ = 0;  // the first demand requests pages, too
   delivery_.open(entry.object_id, entry.summary.digest);
   if (on_object_found) on_object_found(entry);
   report_info("object " + entry.object + " found at host " + entry.host + ": " + std::to_string(entry.summary.faces) +
@@ -90,7 +89,7 @@ bool Loader::reserve_directory(Object& object) {
                    "; build the model with a smaller one");
     return false;
   }
-  const std::uint64_t takes = spm::directory_bytes(object.summary, pool_);
+  const std::uint64_t takes = spm::directory_bytes(object.summary, pool_, max_pages_of(object.summary));
   const std::uint64_t left = settings_.directory_bytes - directory_bytes_;
   if (takes <= left) {
     directory_bytes_ += object.directory_bytes = takes;
@@ -101,13 +100,19 @@ bool Loader::reserve_directory(Object& object) {
   char sizes[128];
   std::snprintf(sizes, sizeof sizes, "takes %.1f MiB, %.1f of %.1f MiB are left", mib(takes), mib(left),
                 mib(settings_.directory_bytes));
-  report_warning("object " + object.info.name + ": refused, its directory of " +
-                 std::to_string(object.summary.regions) + " regions " + sizes + "; raise --memory");
+  report_warning("object " + object.info.name + ": refused, its directory " + sizes + "; raise --memory");
   return false;
 }
 
 void Loader::release_directory(Object& object) noexcept {
   directory_bytes_ -= std::exchange(object.directory_bytes, 0);
+}
+
+/// Returns the max number of pages that the loader requests of an object.
+std::uint32_t Loader::max_pages_of(const spm::ModelSummary& summary) const noexcept {
+  const std::uint32_t in_bounds = spm::RegionGrid::pages_in_bounds(summary);
+  return std::min(in_bounds, settings_.wants_whole_directory ? std::min(summary.regions, spm::kMaxWholePages)
+                                                             : spm::kMaxObjectPages);
 }
 
 /// Withdraws the objects that a host offered before `change` and that no host offers after it.
@@ -170,6 +175,8 @@ void Loader::on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns) {
 #ifdef __GLIBC__
       malloc_trim(0);  // returns the temporary memory to the system, because it is as large as the base mesh
 #endif
+    } else if (session::is_of_directory(message.region)) {
+      on_pages(*found->second, message);
     } else {
       on_region(*found->second, std::move(message), now_ns);
     }
@@ -214,6 +221,18 @@ double Loader::displacement(const ReportedProbe& probe, const ReportedProbe& bef
   return furthest;
 }
 
+/// Measures how fast the probes move. The speeds decay within some ticks, so that a short stop has no effect.
+void Loader::measure_speeds(const std::array<ReportedProbe, kMaxProbes>& probes) {
+  constexpr double kDecay = 0.9;  // of a tick
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
+    const ReportedProbe& before = std::exchange(measured_probes_[i], probes[i]);
+    const double elapsed = static_cast<double>(probes[i].time_ns - before.time_ns) / kNsPerS;
+    const bool has_moved = probes[i].active && before.active && elapsed > 0;
+    const double speed = has_moved ? displacement(probes[i], before) / elapsed : 0;
+    speeds_[i] = std::max(kDecay * speeds_[i], speed);
+  }
+}
+
 void Loader::observe(Object& object, const std::array<ReportedProbe, kMaxProbes>& probes) const {
   PlacedSpheres out;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i)
@@ -240,6 +259,8 @@ void Loader::predict(std::int64_t now_ns, const std::array<ReportedProbe, kMaxPr
   predicted_probes_ = probes;
   predicted_contacts_.clear();
   for (Object* object : active_) predict(*object, probes, round_trip, ahead);
+  for (const auto& [id, object] : objects_)
+    if (!object->ready && !object->refused) find_missing_pages(*object, probes, ahead);
   next_prediction_ns_ = now_ns + std::min(kPauseFactor * (clock_ns() - began),
                                           static_cast<std::int64_t>(kMaxPauseShare * ahead * kNsPerS));
 }
@@ -255,12 +276,13 @@ void Loader::predict(Object& object, const std::array<ReportedProbe, kMaxProbes>
     // When a device is pressed into a surface, its proxy stays on the surface, away from the device. The mesh around
     // the proxy must be the finest, too.
     if (probe.in_contact && settings_.tool == nullptr)
-      object.grid->for_each_intersecting(placement.to_model(probe.proxy),
-                                         (settings_.radius + settings_.margin) / placement.scale(),
-                                         [&](spm::RegionId region, double) {
-                                           predicted_regions_.add({region, 0, lead, 0});
-                                         });
+      object.grid.for_each_intersecting(placement.to_model(probe.proxy),
+                                        (settings_.radius + settings_.margin) / placement.scale(),
+                                        [&](spm::RegionId region, double) {
+                                          predicted_regions_.add({region, 0, lead, 0});
+                                        });
   }
+  find_missing_pages(object, probes, lead);
   predict_under_bodies(object, probes, lead);
   object.predicted.clear();
   for (const spm::PredictedRegion& region : predicted_regions_.entries())
@@ -284,15 +306,14 @@ void Loader::predict(Object& object, const std::array<ReportedProbe, kMaxProbes>
     // A region that cannot arrive before the contact ends is requested last.
     constexpr double kTooLatePenalty = 1e3;
     const std::uint32_t number = spm::index(region.region);
-    const bool in_time = !object.notes[number].is_absent() || region.contact_end >= round_trip;
+    const bool in_time = !object.note(number).is_absent() || region.contact_end >= round_trip;
     predicted_contacts_.push_back({region.sigmas_from_path + (in_time ? 0 : kTooLatePenalty),
                                    in_time ? region.time_to_contact : lead + region.time_to_contact,
                                    region.time_to_contact, &object, number, &object.wanted_regions[number]});
   }
 }
 
-void Loader::predict_under_bodies(const Object& object, const std::array<ReportedProbe, kMaxProbes>& probes,
-                                  double lead) {
+void Loader::predict_under_bodies(Object& object, const std::array<ReportedProbe, kMaxProbes>& probes, double lead) {
   if (object.described.body) return;
   const auto has_hand_near = [&](const Vec3d& point, double distance) {
     return std::any_of(probes.begin(), probes.end(), [&](const ReportedProbe& probe) {
@@ -303,7 +324,8 @@ void Loader::predict_under_bodies(const Object& object, const std::array<Reporte
     if (other->described.body)
       for_each_sphere_under(*other->described.body, other->placement, object.bounds, object.placement, has_hand_near,
                             [&](const Vec3d& place, double radius) {
-                              object.grid->for_each_intersecting(place, radius, [&](spm::RegionId region, double) {
+                              want_pages(object, place, radius, 0);
+                              object.grid.for_each_intersecting(place, radius, [&](spm::RegionId region, double) {
                                 predicted_regions_.add({region, 0, lead, 0});
                               });
                             });
@@ -326,7 +348,7 @@ void Loader::want(std::uint32_t object_index, std::vector<std::uint32_t> regions
   if (object_index >= kMaxObjects || by_index_[object_index] == nullptr) return;
   Object& object = *by_index_[object_index];
   for (std::vector<std::uint32_t>* const each : {&regions, &later})
-    std::erase_if(*each, [&](std::uint32_t region) { return region >= object.notes.size(); });
+    std::erase_if(*each, [&](std::uint32_t region) { return object.find_page(region) == nullptr; });
   if (regions == object.also_wanted && later == object.wanted_later) return;
   object.also_wanted = std::move(regions);
   object.wanted_later = std::move(later);
@@ -362,6 +384,7 @@ void Loader::tick(std::int64_t now_ns, const std::array<ReportedProbe, kMaxProbe
   collect_released();
   store_waiting(now_ns);
   forget_unoffered(now_ns);
+  measure_speeds(probes);
   for (Object* object : active_) observe(*object, probes);
   constexpr std::int64_t kAtRestNs = 100'000'000;
   if (!prediction_is_current(now_ns, probes)) {
@@ -390,7 +413,7 @@ LoaderFigures Loader::figures() const {
   figures.regions_held += eviction_candidates_.size();
   for (const RegionRef& candidate : eviction_candidates_)
     figures.regions_evictable +=
-        candidate.object->notes[candidate.region].store_state() == StoreState::kEvictable ? 1 : 0;
+        candidate.object->note(candidate.region).store_state() == StoreState::kEvictable ? 1 : 0;
   return figures;
 }
 
@@ -416,8 +439,8 @@ std::vector<std::uint32_t> Loader::regions_at_probes(std::uint32_t object_index,
   for (const ReportedProbe& probe : probes)
     if (probe.active)
       for (const spm::PlacedSphere& sphere : spheres(probe, placement, out))
-        object.grid->for_each_intersecting(sphere.centre, sphere.radius,
-                                           [&](spm::RegionId region, double) { met.push_back(spm::index(region)); });
+        object.grid.for_each_intersecting(sphere.centre, sphere.radius,
+                                          [&](spm::RegionId region, double) { met.push_back(spm::index(region)); });
   return met;
 }
 

@@ -42,6 +42,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <span>
 #include <string>
 #include <vector>
@@ -90,7 +91,9 @@ struct LoaderSettings {
   /// Max bytes of the directories of all objects (spm/directory.hpp). An object whose directory does not fit is
   /// refused.
   std::uint64_t directory_bytes = ~std::uint64_t{0};
-  session::DeliverySettings delivery;
+  /// Whether to request the whole directory of each object, instead of the pages near probes.
+  bool wants_whole_directory = false;
+  session::DeliverySettings delivery{};
 };
 
 struct LoaderFigures {
@@ -195,14 +198,16 @@ class Loader {
   }
   /// Returns the id of the host that serves the object, or 0.
   [[nodiscard]] std::uint64_t serving_host(std::uint64_t object_id) const { return delivery_.serving_host(object_id); }
-  /// Returns the number of entries in the list of a region.
+  /// Returns the number of entries in the list of a region, or 0 if its page is missing.
   [[nodiscard]] std::uint32_t records_of(std::uint32_t object_index, std::uint32_t region) const noexcept {
-    return by_index_[object_index]->lists[region].records;
+    const Page* const page = by_index_[object_index]->find_page(region);
+    return page == nullptr ? 0 : page->lists[region - page->grid.first_region()].records;
   }
   /// Returns the regions that the probes intersect, with repetitions.
   [[nodiscard]] std::vector<std::uint32_t> regions_at_probes(std::uint32_t object_index,
                                                              const std::array<ReportedProbe, kMaxProbes>& probes) const;
-  [[nodiscard]] const spm::RegionGrid& grid(std::uint32_t object_index) const { return *by_index_[object_index]->grid; }
+  /// Returns the grid of an object, with the pages that have come.
+  [[nodiscard]] const spm::RegionGrid& grid(std::uint32_t object_index) const { return by_index_[object_index]->grid; }
   /// Returns the regions of the object in the newest prediction, and those of `want`.
   [[nodiscard]] std::vector<std::uint32_t> predicted(std::uint32_t object_index) const;
   /// Returns the regions of the object in the newest prediction, without those of `want`.
@@ -214,7 +219,7 @@ class Loader {
   enum class StoreState : std::uint8_t { kAbsent, kHeld, kRetired, kEvictable };
   /// State of a region in the pool. kDeparting: the haptic thread is coarsening it.
   enum class PoolState : std::uint8_t { kNotLoaded, kLoaded, kDeparting };
-  /// State of one region. Packed, because every region of every object has one. Times wrap after some 50 days.
+  /// State of one region. Packed, because every region of every page has one. Times wrap after some 50 days.
   struct RegionProgress {
     std::uint32_t wanted_ms;            // time of the last tick in which the region was wanted
     std::uint32_t last_contact : 28;    // time of the last contact, in ticks of 17 ms; 0: never
@@ -264,7 +269,30 @@ class Loader {
     std::int64_t since_ns = 0;        // time when it became wanted; 0: more urgent regions fill the store
     std::uint32_t blocks_needed = 0;  // blocks that it needed when the full store refused it; 0: never refused
   };
+  /// A page of the directory of an object, with the state of its regions.
+  struct Page {
+    explicit Page(const spm::Page& page);
+    spm::RegionPage grid;
+    std::int64_t near_ns = 0;             // time of the last prediction with a probe near it
+    std::vector<spm::ListSummary> lists;  // by region
+    std::vector<RegionProgress> notes;    // by region
+  };
   struct Object {
+    explicit Object(const session::CatalogueEntry& offered, std::uint32_t max_pages)
+        : entry{offered}, summary{offered.summary}, grid{offered.summary, max_pages} {}
+    /// Returns the page with the region, or null.
+    [[nodiscard]] Page* find_page(std::uint32_t region) const noexcept;
+    [[nodiscard]] Page* find_page(spm::PageId page) const noexcept;
+    /// Returns list or state of a region, whose page must have come.
+    [[nodiscard]] const spm::ListSummary& list(std::uint32_t region) const noexcept {
+      const Page& page = *find_page(region);
+      return page.lists[region - page.grid.first_region()];
+    }
+    [[nodiscard]] RegionProgress& note(std::uint32_t region) const noexcept {
+      Page& page = *find_page(region);
+      return page.notes[region - page.grid.first_region()];
+    }
+
     ObjectInfo info;
     session::CatalogueEntry entry;
     spm::ModelSummary summary;
@@ -272,9 +300,12 @@ class Loader {
     ObjectDescription described;
     spm::CellBox bounds;                                   // model frame
     Placement placement;                                   // current
-    std::optional<spm::RegionGrid> grid;                   // once `ready`
-    std::vector<spm::ListSummary> lists;                   // by region
-    std::vector<RegionProgress> notes;                     // by region
+    spm::RegionGrid grid;                                  // of `pages`
+    std::vector<std::unique_ptr<Page>> pages;              // in the order of their regions
+    std::vector<spm::Page> pages_to_send;                  // to the intake, after the base mesh
+    std::vector<session::Wanted> wanted_pages;             // missing pages that probes may touch soon
+    std::set<spm::PageId> pages_in_servo;                  // of an earlier gateway, missing here
+    std::vector<std::uint32_t> regions_in_servo;           // as above, of missing pages
     std::vector<std::uint32_t> also_wanted, wanted_later;  // regions of `want`
     std::vector<std::uint32_t> predicted;                  // regions of the newest prediction
     std::map<std::uint32_t, WantedRegion> wanted_regions;  // by region; the newest prediction
@@ -284,13 +315,17 @@ class Loader {
     std::uint64_t directory_bytes = 0;                     // reserved for its directory
     std::uint32_t base_slots = 0, base_nodes = 0;          // slots and tree nodes reserved for its base mesh
     bool ready = false;                                    // the base mesh was sent to the intake
-    bool withdrawn = false;                                // only after `ready`
-    bool refused = false;  // base mesh or directory does not fit, or the intake refused it
+    bool is_full = false;            // a page did not fit although no page is unused; reported once
+    std::int64_t full_ns = 0;        // time of the last such page
+    bool has_large_regions = false;  // some do not fit into the pool
+    bool withdrawn = false;          // only after `ready`
+    bool refused = false;            // base mesh or directory does not fit, or the intake refused it
   };
 
   [[nodiscard]] bool reserve_directory(Object& object);
   void release_directory(Object& object) noexcept;
   void forget_unoffered(std::int64_t now_ns);
+  [[nodiscard]] std::uint32_t max_pages_of(const spm::ModelSummary& summary) const noexcept;
   void drop_waiting(const Object& object);
   void open(const session::CatalogueEntry& entry);
   void postpone(const session::CatalogueEntry& entry);
@@ -305,6 +340,7 @@ class Loader {
   void open_postponed();
   [[nodiscard]] bool prediction_is_current(std::int64_t now_ns,
                                            const std::array<ReportedProbe, kMaxProbes>& probes) const;
+  void measure_speeds(const std::array<ReportedProbe, kMaxProbes>& probes);
   void observe(Object& object, const std::array<ReportedProbe, kMaxProbes>& probes) const;
   [[nodiscard]] Vec3d sphere_centre(const ReportedProbe& probe, const spm::ProbeSphere& sphere) const noexcept;
   using PlacedSpheres = std::array<spm::PlacedSphere, spm::ProbeShape::kMaxSpheres>;
@@ -314,7 +350,8 @@ class Loader {
   [[nodiscard]] double horizon(double round_trip) const;
   void predict(std::int64_t now_ns, const std::array<ReportedProbe, kMaxProbes>& probes);
   void predict(Object& object, const std::array<ReportedProbe, kMaxProbes>& probes, double round_trip, double lead);
-  void predict_under_bodies(const Object& object, const std::array<ReportedProbe, kMaxProbes>& probes, double lead);
+  void find_missing_pages(Object& object, const std::array<ReportedProbe, kMaxProbes>& probes, double lead);
+  void predict_under_bodies(Object& object, const std::array<ReportedProbe, kMaxProbes>& probes, double lead);
 
   // Base meshes (loader_base.cpp).
   void on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes);
@@ -332,6 +369,18 @@ class Loader {
   [[nodiscard]] std::uint32_t take_index(const Object& object) noexcept;
   void admit_base(Object& object, spm::codec::DecodedBase decoded);
   void update_broad_phase(const Object& object);
+
+  // Pages of directories (loader_pages.cpp).
+  void on_pages(Object& object, const session::DeliveryClient::Message& message);
+  [[nodiscard]] bool add_page(Object& object, spm::Page page);
+  [[nodiscard]] bool is_in_use(const Object& object, const Page& page) const;
+  [[nodiscard]] bool has_room(const Object& object, std::uint64_t bytes) const noexcept;
+  void drop_unused_pages();
+  void drop_page(Object& object, spm::PageId page);
+  void want_pages(Object& object, const Vec3d& centre, double radius, double contact);
+  void want_page(Object& object, spm::PageId page, double contact);
+  void process_page_answer(Object& object, spm::PageId page, spm::AcceptResult result);
+  [[nodiscard]] std::uint64_t page_credit() const noexcept;
 
   // The store (loader_store.cpp).
   [[nodiscard]] std::uint32_t blocks_after_eviction() const noexcept {
@@ -411,7 +460,8 @@ class Loader {
   std::int64_t next_prediction_ns_ = 0;                       // a prediction before this time would cost too much
   std::int64_t last_motion_ns_ = 0;                           // time when a probe last moved
   bool at_rest_ = false;
-  std::array<ReportedProbe, kMaxProbes> predicted_probes_{};
+  std::array<ReportedProbe, kMaxProbes> predicted_probes_{}, measured_probes_{};
+  std::array<double, kMaxProbes> speeds_{};  // m/s, see measure_speeds
   struct PendingBase {
     Object* object;
     spm::codec::DecodedBase base;

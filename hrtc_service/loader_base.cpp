@@ -174,17 +174,6 @@ void Loader::admit_base(Object& object, spm::codec::DecodedBase decoded) {
   object.tables = std::move(decoded.tables);
   object.info.index = take_index(object);
   store_.admit(spm::ObjectIndex{object.info.index}, object.summary, object.tables);
-  object.notes.resize(base.regions.size());
-  std::uint32_t largest = 0;
-  for (const spm::Region& region : base.regions) {
-    largest = std::max(largest, region.part_count);
-    object.lists.push_back(spm::list_summary(region));
-  }
-  const std::uint32_t slots_left = pool_.slots - base_slots_;
-  if (largest > slots_left)
-    report_warning("object " + object.info.name + ": parts stay coarse: its largest region needs " +
-                   std::to_string(largest) + " slots, the pool has " + std::to_string(slots_left) +
-                   " besides base meshes; raise --memory or --pool");
   ObjectDescription& described = object.described;
   described.index = object.info.index;
   described.id = object.info.id;
@@ -204,12 +193,10 @@ void Loader::admit_base(Object& object, spm::codec::DecodedBase decoded) {
   }
   object.placement = described.placement;
   object.bounds = spm::bounds_of(object.summary);
-  object.grid.emplace(object.summary.grid, base.regions);
   const double scale = object.entry.scale;
   const spm::PredictionSettings prediction{0, settings_.margin / scale, settings_.min_speed / scale,
                                            settings_.strategy};
-  for (std::uint32_t i = 0; i < kMaxProbes; ++i)
-    object.predictors.emplace_back(*object.grid, shape_, scale, prediction);
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i) object.predictors.emplace_back(object.grid, shape_, scale, prediction);
   update_broad_phase(object);
   by_index_[described.index] = &object;
   active_.push_back(&object);
@@ -222,7 +209,10 @@ void Loader::admit_base(Object& object, spm::codec::DecodedBase decoded) {
   message.scale = scale;
   message.material = described.material;
   if (described.body) message.body = object.entry.body;
+  message.max_pages = max_pages_of(object.summary);
   intake_.add_object(described.index, message, base);
+  for (const spm::Page& page : object.pages_to_send) intake_.add_page(described.index, page);
+  std::vector<spm::Page>{}.swap(object.pages_to_send);
   if (on_object) on_object(described);
 }
 

@@ -16,13 +16,13 @@ spm::Cache::Space reserve_of(const spm::PoolSettings& pool) noexcept {
 }  // namespace
 
 double Loader::slot_estimate(const Object& object, std::uint32_t region) const noexcept {
-  return object.lists[region].records *
+  return object.list(region).records *
          (static_cast<double>(object.summary.parts) / std::max(object.summary.records, 1u));
 }
 
 spm::Cache::Space Loader::space_to_load(const Object& object, std::uint32_t region) const noexcept {
   return {static_cast<std::uint32_t>(undecoded_share_ * slot_estimate(object, region)),
-          spm::ListBlock::blocks_for(object.lists[region].records)};
+          spm::ListBlock::blocks_for(object.list(region).records)};
 }
 
 /// Decodes the regions that probes will touch soonest. If a region with contact within kSoon does not fit, its space is
@@ -31,7 +31,7 @@ void Loader::load_soonest() {
   constexpr double kSoon = 0.03;        // s
   constexpr int kMaxEarlyLoads = 16;    // max regions with contact later than kSoon, decoded in one tick
   constexpr double kUsableShare = 0.9;  // share of the slots that base meshes do not occupy
-  for (const RegionRef& target : pool_targets_) target.object->notes[target.region].belongs_in_pool = 0;
+  for (const RegionRef& target : pool_targets_) target.object->note(target.region).belongs_in_pool = 0;
   pool_targets_.clear();
   std::stable_sort(
       predicted_contacts_.begin(), predicted_contacts_.end(),
@@ -45,7 +45,7 @@ void Loader::load_soonest() {
   double slots = 0;
   for (const PredictedContact& contact : predicted_contacts_) {
     Object& object = *contact.object;
-    RegionProgress& note = object.notes[contact.region];
+    RegionProgress& note = object.note(contact.region);
     const spm::Cache::Space cost = space_to_load(object, contact.region);
     slots += cost.slots;
     if (slots > usable_slots && contact.time_to_contact > 0) break;
@@ -74,26 +74,26 @@ spm::Cache::Space Loader::load(Object& object, std::uint32_t region) {
     return {};
   }
   const auto parts = static_cast<std::uint32_t>(data->parts.size());
-  const std::uint32_t blocks = spm::ListBlock::blocks_for(object.lists[region].records);
+  const std::uint32_t blocks = spm::ListBlock::blocks_for(object.list(region).records);
   if (parts > intake_.free_space().slots || blocks > intake_.free_space().blocks) return {std::max(parts, 1u), blocks};
   const double slots = slot_estimate(object, region);
   if (slots > 0) undecoded_share_ += 0.1 * (static_cast<double>(parts) / slots - undecoded_share_);
-  intake_.add_region(object.info.index, *data, object.lists[region]);
+  intake_.add_region(object.info.index, *data, object.list(region));
   mark_loaded(object, region);
   figures_.slots_peak = std::max(figures_.slots_peak, slots_used());
   return {};
 }
 
 void Loader::mark_loaded(Object& object, std::uint32_t region) {
-  if (object.notes[region].store_state() != StoreState::kAbsent)
+  if (object.note(region).store_state() != StoreState::kAbsent)
     store_.mark_loaded(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
-  object.notes[region].set(PoolState::kLoaded);
+  object.note(region).set(PoolState::kLoaded);
   object.loaded.push_back(region);
 }
 
 /// The intake has the region no longer, or will free it: later messages contain its records again.
 void Loader::mark_unloaded(Object& object, std::uint32_t region) {
-  if (object.notes[region].store_state() != StoreState::kAbsent)
+  if (object.note(region).store_state() != StoreState::kAbsent)
     store_.mark_unloaded(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
   object.loaded.erase(std::find(object.loaded.begin(), object.loaded.end(), region));
 }
@@ -121,7 +121,7 @@ void Loader::coarsen() {
   std::vector<Candidate> candidates;
   for (Object* object : active_)
     for (const std::uint32_t region : object->loaded) {
-      const RegionProgress& note = object->notes[region];
+      const RegionProgress& note = object->note(region);
       if (note.belongs_in_pool == 0) candidates.push_back({note.unwanted_ns(last_tick_ns_), object, region});
     }
   std::stable_sort(candidates.begin(), candidates.end(),
@@ -130,7 +130,7 @@ void Loader::coarsen() {
     if (has_enough() || departing_.size() >= kMaxDeparting) return;
     Object& object = *candidate.object;
     mark_unloaded(object, candidate.region);
-    object.notes[candidate.region].set(PoolState::kDeparting);
+    object.note(candidate.region).set(PoolState::kDeparting);
     // Like a region that arrives, one that departs shares some of its records with others.
     const spm::Cache::Space space = space_to_load(object, candidate.region);
     departing_.push_back({&object, candidate.region, space});
@@ -161,9 +161,20 @@ void Loader::process_answers() {
         if (!object.withdrawn) withdraw(object);
         break;
       case IntakeAnswer::Kind::kRegion:
-        if (!object.withdrawn && region < object.notes.size()) process_region_answer(object, region, answer.result);
+        if (object.withdrawn) break;
+        if (object.find_page(region) != nullptr)
+          process_region_answer(object, region, answer.result);
+        else if (answer.result == spm::AcceptResult::kLoaded)
+          object.regions_in_servo.push_back(region);
+        break;
+      case IntakeAnswer::Kind::kPage:
+        if (!object.withdrawn) process_page_answer(object, spm::PageId{region}, answer.result);
         break;
       case IntakeAnswer::Kind::kRegionGone:
+        if (object.find_page(region) == nullptr) {  // an earlier gateway has retired it
+          std::erase(object.regions_in_servo, region);
+          break;
+        }
         end_departure(object, region);
         ++figures_.regions_coarsened;
         break;
@@ -178,15 +189,15 @@ void Loader::process_answers() {
 
 void Loader::end_departure(Object& object, std::uint32_t region) {
   // An earlier gateway may have retired the region.
-  if (object.notes[region].pool_state() == PoolState::kLoaded) mark_unloaded(object, region);
-  object.notes[region].set(PoolState::kNotLoaded);
+  if (object.note(region).pool_state() == PoolState::kLoaded) mark_unloaded(object, region);
+  object.note(region).set(PoolState::kNotLoaded);
   std::erase_if(departing_,
                 [&](const Departing& departing) { return departing.object == &object && departing.region == region; });
 }
 
 /// After a refusal, later messages contain the records of the region again.
 void Loader::process_region_answer(Object& object, std::uint32_t region, spm::AcceptResult result) {
-  RegionProgress& note = object.notes[region];
+  RegionProgress& note = object.note(region);
   if (result == spm::AcceptResult::kAccepted) note.was_incomplete = 0;
   if (result == spm::AcceptResult::kAccepted || result == spm::AcceptResult::kLoaded) {
     // Loaded by an earlier gateway, or returned after an earlier gateway retired it and before this one sent it.
@@ -209,7 +220,7 @@ void Loader::process_region_answer(Object& object, std::uint32_t region, spm::Ac
 
 /// Lets the store evict the region as soon as possible.
 void Loader::mark_faulty(Object& object, std::uint32_t region) {
-  RegionProgress& note = object.notes[region];
+  RegionProgress& note = object.note(region);
   if (note.is_faulty != 0) return;
   note.is_faulty = 1;
   ++faulty_regions_;

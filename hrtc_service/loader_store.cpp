@@ -40,7 +40,7 @@ bool Loader::store_or_refuse(Object& object, const session::DeliveryClient::Mess
     delivery_.answer_refused(object.info.id, message.region);
     return true;
   };
-  if (!object.ready || message.region >= object.notes.size()) return refuse();
+  if (!object.ready || object.find_page(message.region) == nullptr) return refuse();
   const spm::ObjectIndex number{object.info.index};
   const spm::RegionId region{message.region};
   const std::span<const std::uint8_t> bytes{message.bytes};
@@ -48,7 +48,7 @@ bool Loader::store_or_refuse(Object& object, const session::DeliveryClient::Mess
   while (put.status == Status::kFull && evict_one())
     if (store_.blocks_free() >= put.blocks) put = store_.put(number, region, bytes);
 
-  RegionProgress& note = object.notes[message.region];
+  RegionProgress& note = object.note(message.region);
   const auto wanted_region = object.wanted_regions.find(message.region);
   switch (put.status) {
     case Status::kStored:
@@ -85,7 +85,7 @@ bool Loader::store_or_refuse(Object& object, const session::DeliveryClient::Mess
     figures_.load_latency += 0.1 * (latency - figures_.load_latency);
   }
   figures_.compressed_peak = std::max(figures_.compressed_peak, store_.blocks() - store_.blocks_free());
-  const std::uint32_t records = object.lists[message.region].records;
+  const std::uint32_t records = object.list(message.region).records;
   if (records > 0) blocks_per_record_ += 0.1 * (static_cast<double>(put.blocks) / records - blocks_per_record_);
   bytes_per_block_ += 0.1 * (static_cast<double>(message.bytes.size()) / put.blocks_if_empty - bytes_per_block_);
   note.set(StoreState::kHeld);
@@ -101,7 +101,7 @@ bool Loader::store_or_refuse(Object& object, const session::DeliveryClient::Mess
 }
 
 double Loader::block_estimate(const Object& object, std::uint32_t region) const noexcept {
-  return blocks_per_record_ * object.lists[region].records;
+  return blocks_per_record_ * object.list(region).records;
 }
 
 /// Requests the most probable predicted regions of all objects that fit into the store together. Without this limit,
@@ -116,7 +116,7 @@ void Loader::request_wanted(std::int64_t now_ns) {
   double blocks = 0;
   const auto first_excess =
       std::find_if(predicted_contacts_.begin(), predicted_contacts_.end(), [&](const PredictedContact& contact) {
-        const bool absent = contact.object->notes[contact.region].is_absent();
+        const bool absent = contact.object->note(contact.region).is_absent();
         blocks += (absent ? kInFlightFactor : 1) * block_estimate(*contact.object, contact.region);
         return blocks > usable_blocks && contact.time_to_contact > 0;
       });
@@ -133,7 +133,7 @@ void Loader::request_wanted(std::int64_t now_ns) {
   const double credit_blocks =
       static_cast<double>(delivery_.granted_credit(now_ns)) / (kUsableShare * bytes_per_block_);
   for (const PredictedContact& contact : predicted_contacts_) {
-    RegionProgress& note = contact.object->notes[contact.region];
+    RegionProgress& note = contact.object->note(contact.region);
     WantedRegion& wanted_region = *contact.wanted;
     note.mark_wanted(now_ns);
     if (wanted_region.since_ns == 0) wanted_region.since_ns = now_ns;
@@ -158,8 +158,14 @@ void Loader::request_wanted(std::int64_t now_ns) {
   blocks_reserve_ = static_cast<std::uint32_t>(
       std::clamp(kReserveFactor * absent_blocks, store_.blocks() / 16.0, store_.blocks() * 0.75));
   delivery_.limit_credit(static_cast<std::uint64_t>(kUsableShare * blocks_after_eviction() * bytes_per_block_) +
-                         base_credit());
-  for (Object* object : active_) delivery_.set_wanted(object->info.id, std::move(wanted[object->info.index]));
+                         base_credit() + page_credit());
+  for (Object* object : active_) {
+    std::vector<session::Wanted>& all = wanted[object->info.index];
+    all.insert(all.end(), object->wanted_pages.begin(), object->wanted_pages.end());
+    delivery_.set_wanted(object->info.id, std::move(all));
+  }
+  for (const auto& [id, object] : objects_)
+    if (!object->ready && !object->refused) delivery_.set_wanted(id, object->wanted_pages);
 }
 
 /// Retires all faulty regions, and further regions until their eviction frees `blocks_needed_` and `blocks_reserve_`:
@@ -185,7 +191,7 @@ void Loader::find_eviction_candidates() {
   std::vector<Candidate> candidates;
   for (Object* object : active_)
     for (const std::uint32_t region : object->held) {
-      const RegionProgress& note = object->notes[region];
+      const RegionProgress& note = object->note(region);
       const std::int64_t unwanted_ns = note.unwanted_ns(last_tick_ns_);
       if (unwanted_ns == 0 && !note.is_faulty) continue;
       const bool is_recent = unwanted_ns < settings_.recently_wanted_ns;
@@ -199,7 +205,7 @@ void Loader::find_eviction_candidates() {
     Object& object = *candidate.object;
     if (!delivery_.retire(object.info.id, candidate.region)) continue;
     store_.retire(spm::ObjectIndex{object.info.index}, spm::RegionId{candidate.region});
-    object.notes[candidate.region].set(StoreState::kRetired);
+    object.note(candidate.region).set(StoreState::kRetired);
     object.held.erase(std::find(object.held.begin(), object.held.end(), candidate.region));
     eviction_candidates_.push_back({&object, candidate.region});
   }
@@ -210,7 +216,7 @@ void Loader::cancel_eviction(Object& object, std::uint32_t region) {
       eviction_candidates_.begin(), eviction_candidates_.end(),
       [&](const RegionRef& candidate) { return candidate.object == &object && candidate.region == region; }));
   store_.reinstate(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
-  object.notes[region].set(StoreState::kHeld);
+  object.note(region).set(StoreState::kHeld);
   object.held.push_back(region);
   delivery_.answer_stored(object.info.id, region);
 }
@@ -218,10 +224,9 @@ void Loader::cancel_eviction(Object& object, std::uint32_t region) {
 void Loader::collect_released() {
   for (Object* object : active_)
     for (const std::uint32_t region : delivery_.take_released(object->info.id))
-      if (object->notes[region].store_state() == StoreState::kRetired)
-        object->notes[region].set(StoreState::kEvictable);
+      if (object->note(region).store_state() == StoreState::kRetired) object->note(region).set(StoreState::kEvictable);
   const auto must_free = [&](const RegionRef& candidate) {
-    const RegionProgress& note = candidate.object->notes[candidate.region];
+    const RegionProgress& note = candidate.object->note(candidate.region);
     return note.store_state() == StoreState::kEvictable && note.is_faulty != 0;
   };
   for (auto candidate = eviction_candidates_.begin(); candidate != eviction_candidates_.end();)
@@ -236,7 +241,7 @@ std::deque<Loader::RegionRef>::iterator Loader::evict_candidate(std::deque<Regio
 
 /// Frees a retired region in the store.
 void Loader::evict(Object& object, std::uint32_t region) {
-  RegionProgress& note = object.notes[region];
+  RegionProgress& note = object.note(region);
   const spm::ObjectIndex number{object.info.index};
   if (note.pool_state() == PoolState::kLoaded) store_.mark_unloaded(number, spm::RegionId{region});
   store_.evict(number, spm::RegionId{region});
@@ -250,7 +255,7 @@ void Loader::evict(Object& object, std::uint32_t region) {
 bool Loader::evict_one() {
   auto chosen = eviction_candidates_.end();
   for (auto candidate = eviction_candidates_.begin(); candidate != eviction_candidates_.end(); ++candidate) {
-    const RegionProgress& note = candidate->object->notes[candidate->region];
+    const RegionProgress& note = candidate->object->note(candidate->region);
     if (note.store_state() != StoreState::kEvictable) continue;
     if (chosen == eviction_candidates_.end()) chosen = candidate;
     if (note.unwanted_ns(last_tick_ns_) == 0) continue;

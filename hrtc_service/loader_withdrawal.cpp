@@ -44,8 +44,9 @@ void Loader::withdraw(Object& object) {
 
 /// Frees an object that the intake has returned, and opens postponed objects.
 void Loader::free_withdrawn(Object& object) {
-  for (const RegionProgress& note : object.notes)
-    figures_.regions_coarsened += note.pool_state() != PoolState::kNotLoaded ? 1 : 0;
+  for (const auto& page : object.pages)
+    for (const RegionProgress& note : page->notes)
+      figures_.regions_coarsened += note.pool_state() != PoolState::kNotLoaded ? 1 : 0;
   departing_.erase(std::remove_if(departing_.begin(), departing_.end(),
                                   [&](const Departing& departing) { return departing.object == &object; }),
                    departing_.end());
@@ -65,9 +66,7 @@ void Loader::free_withdrawn(Object& object) {
 /// Keeps an object that the intake has refused, so that no later catalogue entry opens it again.
 void Loader::keep_refused(Object& object) {
   ++figures_.objects_refused;
-  auto kept = std::make_unique<Object>();
-  kept->entry = object.entry;
-  kept->summary = object.summary;
+  auto kept = std::make_unique<Object>(object.entry, 0);
   kept->info.name = object.info.name;
   kept->info.id = object.info.id;
   kept->info.digest = object.info.digest;

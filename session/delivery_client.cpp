@@ -206,7 +206,7 @@ std::vector<DeliveryClient::Message> DeliveryClient::on_chunk(const BulkChunk& c
   Host& host = hosts_.at(stream.host);
   const Offer* const offer = host.find_offer(stream.object_id, object.digest);
   const auto is_in_model = [&](const BulkPiece& piece) {
-    return piece.region == spm::kNone || piece.region < offer->regions;
+    return piece.region == spm::kNone || piece.region < offer->regions || is_of_directory(piece.region);
   };
   if (offer == nullptr || !std::all_of(chunk.pieces.begin(), chunk.pieces.end(), is_in_model)) {
     ++counters_.foreign;
@@ -322,7 +322,8 @@ std::optional<DeliveryClient::Message> DeliveryClient::assemble(Object& object, 
                                                                 std::int64_t now_ns) {
   const bool is_held = chunk.kind() == BulkKind::kBase
                            ? object.has_base
-                           : object.have.count(piece.region) != 0 || object.retiring.count(piece.region) != 0;
+                           : object.have.count(piece.region) != 0 || object.retiring.count(piece.region) != 0 ||
+                                 object.pages.count(piece.region) != 0;
   if (is_held || object.pending.count(piece.region) != 0) {
     ++counters_.stale;
     return std::nullopt;
@@ -470,6 +471,16 @@ void DeliveryClient::answer_stored(std::uint64_t object_id, std::uint32_t region
   begin_epoch(object);
 }
 
+void DeliveryClient::answer_page_stored(std::uint64_t object_id, std::uint32_t number) {
+  Object& object = objects_.at(object_id);
+  object.pending.erase(number);
+  if (object.pages.insert(number).second) begin_epoch(object);
+}
+
+void DeliveryClient::forget_page(std::uint64_t object_id, std::uint32_t number) {
+  objects_.at(object_id).pages.erase(number);
+}
+
 void DeliveryClient::answer_refused(std::uint64_t object_id, std::uint32_t region) {
   Object& object = objects_.at(object_id);
   if (object.pending.erase(region) == 0) return;
@@ -550,10 +561,11 @@ void DeliveryClient::serve_from(Object& object, std::uint64_t host, std::int64_t
 /// Whether the serving host has to send chunks or an echo for the last demand.
 bool DeliveryClient::is_answer_due(const Object& object) const {
   if (object.host == 0) return false;
-  if (!object.has_base) return object.pending.empty();
+  if (!object.has_base && object.pending.empty()) return true;
   if (!object.retiring.empty()) return true;
   return std::any_of(object.wanted.begin(), object.wanted.end(), [&](const Wanted& wanted) {
-    return object.have.count(wanted.region) == 0 && object.pending.count(wanted.region) == 0;
+    return object.have.count(wanted.region) == 0 && object.pages.count(wanted.region) == 0 &&
+           object.pending.count(wanted.region) == 0;
   });
 }
 
@@ -618,7 +630,9 @@ Demand DeliveryClient::make_demand(std::uint64_t object_id, Object& object, Stre
   }
   for (const Wanted& wanted : object.wanted) {
     if (demand.wanted.size() == kMaxWanted) break;
-    if (object.have.count(wanted.region) != 0 || object.retiring.count(wanted.region) != 0) continue;
+    if (object.have.count(wanted.region) != 0 || object.retiring.count(wanted.region) != 0 ||
+        object.pages.count(wanted.region) != 0)
+      continue;
     demand.wanted.push_back(wanted);
   }
   demand.stream = stream.id;

@@ -104,11 +104,11 @@ class DeliveryClient {
   /// a newer one replaced, remain valid for `forget_host_ns`. In a name conflict, the program that leaves withdraws
   /// only its own offers.
   [[nodiscard]] bool is_offered(std::uint64_t object_id, std::uint64_t digest) const;
-  /// Sets the wanted regions, in any order. Of those that are neither held nor retired, the kMaxWanted regions with the
-  /// soonest contact are requested.
+  /// Sets the wanted regions and parts of the directory, in any order. Of those that are neither held nor retired, the
+  /// kMaxWanted with the soonest contact are requested.
   void set_wanted(std::uint64_t object_id, std::vector<Wanted> wanted);
 
-  /// A complete message. `region` is spm::kNone for a base mesh.
+  /// A complete message. `region` is spm::kNone for a base mesh, and may be a part of the directory (kFirstPage).
   struct Message {
     std::uint64_t object_id = 0;
     BulkKind kind = BulkKind::kBase;
@@ -130,7 +130,11 @@ class DeliveryClient {
   void answer_base_refused(std::uint64_t object_id);
   /// Answers that the region is in the cache. Cancels `retire` if the region is not released yet.
   void answer_stored(std::uint64_t object_id, std::uint32_t region);
-  /// Answers that the caller did not store the region.
+  /// Answers that the caller has a part of the directory (kFirstPage).
+  void answer_page_stored(std::uint64_t object_id, std::uint32_t number);
+  /// Reports that the caller has freed a part of the directory.
+  void forget_page(std::uint64_t object_id, std::uint32_t number);
+  /// Answers that the caller did not store the region, or the part of the directory.
   void answer_refused(std::uint64_t object_id, std::uint32_t region);
   /// Postpones the answer until the caller has memory for the region. Meanwhile the message counts as in flight for the
   /// credit. Retired regions are released as if the caller had answered, so this message may rely on released records.
@@ -234,6 +238,7 @@ class DeliveryClient {
     std::uint64_t digest = 0;
     std::uint64_t host = 0;  // serving host; 0: none
     bool has_base = false;
+    std::set<std::uint32_t> pages;  // parts of the directory that the caller has (kFirstPage)
     std::set<std::uint32_t> have;
     std::set<std::uint32_t> unlisted;  // regions of `have` that no demand has listed yet
     std::vector<Wanted> wanted;

@@ -5,6 +5,7 @@
 #include <set>
 #include <utility>
 
+#include "spm/codec/page_codec.hpp"
 #include "spm/codec/region_codec.hpp"
 
 namespace tactus::session {
@@ -53,6 +54,15 @@ std::vector<spm::Interval> list_of(const spm::codec::CompressedModel& model, std
   return model.intervals_of(spm::RegionId{region});
 }
 
+/// Encodes a region with these records, or a part of the directory.
+spm::codec::Result<spm::codec::Bytes> encode(const spm::codec::CompressedModel& model, std::uint32_t number,
+                                             const std::vector<spm::Interval>& records) {
+  if (number == kAllPages) return spm::codec::encode_pages(model.regions());
+  if (is_of_directory(number))
+    return spm::codec::encode_page(spm::page_with_id(model.regions(), spm::PageId{number - kFirstPage}));
+  return spm::codec::encode_region(model, spm::RegionId{number}, records);
+}
+
 std::uint64_t count_records(const std::vector<spm::Interval>& intervals) {
   std::uint64_t count = 0;
   for (const spm::Interval& interval : intervals) count += interval.count;
@@ -74,8 +84,9 @@ std::uint32_t DeliveryServer::base_bytes(std::uint64_t object_id) const {
 
 bool DeliveryServer::well_formed(const Demand& demand, const spm::ModelSummary& summary) const {
   return well_formed_intervals(demand.have, summary.regions) &&
-         std::all_of(demand.wanted.begin(), demand.wanted.end(),
-                     [&](const Wanted& wanted) { return wanted.region < summary.regions; });
+         std::all_of(demand.wanted.begin(), demand.wanted.end(), [&](const Wanted& wanted) {
+           return wanted.region < summary.regions || is_of_directory(wanted.region);
+         });
 }
 
 DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand, std::int64_t now_ns) {
@@ -197,6 +208,12 @@ void DeliveryServer::compare(HrtcState& state, Service& service, const Object& o
                        [&](const Wanted& w) { return w.region == message.region; });
   };
   const auto has_ended = [&](const Message& message) {
+    if (is_of_directory(message.region)) {  // no other message relies on it
+      if (message.has_arrived()) return message.last_sequence <= demand.received;
+      const bool cancelled = (!message.is_sent() || !message.lost.empty()) && !wanted(message);
+      if (cancelled) count(state, [](DeliveryCounters& c) { ++c.messages_dropped; });
+      return cancelled;
+    }
     const bool base = message.region == spm::kNone;
     if (base ? !demand.need_base : contains(demand.have, message.region)) return true;  // accepted
     if (message.has_arrived() && message.last_sequence <= demand.received) return refused = true;
@@ -225,7 +242,7 @@ void DeliveryServer::compare(HrtcState& state, Service& service, const Object& o
   // that was sent completely is doubtful only if an earlier message was refused. A piece that is sent from now on must
   // not rely on regions that have left `have`.
   erase_if([&](Message& message) {
-    if (only_added || message.region == spm::kNone) return false;
+    if (only_added || message.region == spm::kNone || is_of_directory(message.region)) return false;
     const bool has_pieces_to_send = !message.is_sent() || !message.lost.empty();
     if (has_pieces_to_send || refused) {
       message.relies_on_removed =
@@ -241,12 +258,13 @@ void DeliveryServer::compare(HrtcState& state, Service& service, const Object& o
   });
 
   service.to_send.clear();
-  if (demand.need_base) return;
   std::set<std::uint32_t> seen;
   for (const Message& message : service.messages) seen.insert(message.region);
   for (const Wanted& w : demand.wanted) {
     if (Message* current = service.partly_sent(); current != nullptr && current->region == w.region)
       current->contact_in_us = w.contact_in_us;
+    // Without the base mesh, an HRTC cannot store a region, but a page of the directory.
+    if (demand.need_base && !is_of_directory(w.region)) continue;
     if (contains(demand.have, w.region) || object.damaged_regions.count(w.region) != 0) continue;
     if (!seen.insert(w.region).second) continue;
     service.to_send.push_back(w);
@@ -267,14 +285,18 @@ DeliveryServer::Message* DeliveryServer::first_lost(Service& service, std::size_
   return at == service.messages.end() ? nullptr : &*at;
 }
 
+/// Whether the base mesh is wanted and not planned yet. It precedes all other messages.
+bool DeliveryServer::is_base_due(const Service& service) noexcept {
+  return service.demand.need_base && std::none_of(service.messages.begin(), service.messages.end(),
+                                                  [](const Message& message) { return message.region == spm::kNone; });
+}
+
 /// Time to contact of the message that this service would send next, us.
 std::optional<std::uint32_t> DeliveryServer::urgency(Service& service) {
   if (!service.serving) return std::nullopt;
   if (const Message* lost = first_lost(service)) return lost->contact_in_us;
   if (const Message* current = service.partly_sent()) return current->contact_in_us;
-  if (service.demand.need_base) {
-    return service.messages.empty() ? std::optional<std::uint32_t>{kBaseContactUs} : std::nullopt;
-  }
+  if (is_base_due(service)) return kBaseContactUs;
   if (service.to_send.empty()) return std::nullopt;
   return service.to_send.back().contact_in_us;
 }
@@ -287,7 +309,7 @@ bool DeliveryServer::plan(Service& service, std::uint64_t object_id, std::size_t
     return MessagePieces::cut(static_cast<std::uint32_t>(bytes), region, free_bytes, chunk_bytes_);
   };
   Message message;
-  if (service.demand.need_base) {
+  if (is_base_due(service)) {
     message.number = ++service.planned;
     message.contact_in_us = kBaseContactUs;
     message.pieces = cut(object.model.spans().base.size(), spm::kNone);
@@ -298,8 +320,9 @@ bool DeliveryServer::plan(Service& service, std::uint64_t object_id, std::size_t
   while (!service.to_send.empty()) {
     const Wanted wanted = service.to_send.back();
     service.to_send.pop_back();
-    message.records = service.covered.missing(list_of(object.model, wanted.region));
-    auto encoded = spm::codec::encode_region(object.model, spm::RegionId{wanted.region}, message.records);
+    if (!is_of_directory(wanted.region))
+      message.records = service.covered.missing(list_of(object.model, wanted.region));
+    auto encoded = encode(object.model, wanted.region, message.records);
     if (!encoded) {
       add_damage(object_id, wanted.region, encoded.error().text);
       continue;
@@ -432,7 +455,7 @@ std::optional<BulkPiece> DeliveryServer::next_piece(HrtcState& state, Service& s
   Message* message = first_lost(service, free_bytes);
   const bool is_repeated = message != nullptr;
   if (!is_repeated && service.partly_sent() == nullptr) {
-    if (!chunk.pieces.empty() && service.demand.need_base) return std::nullopt;
+    if (!chunk.pieces.empty() && is_base_due(service)) return std::nullopt;
     if (!plan(service, object_id, free_bytes)) return std::nullopt;
   }
   const Object& object = objects_.at(object_id);
@@ -449,7 +472,7 @@ std::optional<BulkPiece> DeliveryServer::next_piece(HrtcState& state, Service& s
   if (message->region == spm::kNone) {
     bytes = object.model.spans().base;
   } else if (is_repeated && message != service.partly_sent()) {
-    auto again = spm::codec::encode_region(object.model, spm::RegionId{message->region}, message->records);
+    auto again = encode(object.model, message->region, message->records);
     if (!again || again->size() != message->pieces.bytes || checksum_of(*again) != message->checksum) {
       drop_changed(state, service, object_id, *message);
       return std::nullopt;
@@ -475,6 +498,8 @@ std::optional<BulkPiece> DeliveryServer::next_piece(HrtcState& state, Service& s
     service.encoded.clear();
     if (message->region == spm::kNone) {
       count(state, [](DeliveryCounters& c) { ++c.bases; });
+    } else if (is_of_directory(message->region)) {
+      count(state, [](DeliveryCounters& c) { ++c.pages; });
     } else {
       add_covered_records(service, object, message->region);
       const std::uint64_t records = count_records(message->records);

@@ -25,6 +25,9 @@
 ///
 /// A region whose bytes are damaged is never sent: it stays coarse at every HRTC.
 ///
+/// A wanted part of the directory (kFirstPage) is sent like a region. It has no records, and no demand lists it as
+/// present: an HRTC that has it no longer wants it. An HRTC that waits for the base mesh gets it after that.
+///
 /// Order: HRTCs in round robin, chunk by chunk; the objects of one HRTC by soonest contact; lost pieces before new
 /// ones. A Pacer for each HRTC limits the bytes in flight and the rate.
 ///
@@ -66,6 +69,7 @@ struct DeliveryCounters {
   std::uint64_t echoes = 0;            ///< chunks without payload
   std::uint64_t repeated = 0;          ///< pieces sent again
   std::uint64_t bases = 0;             ///< base meshes sent completely
+  std::uint64_t pages = 0;             ///< parts of directories sent completely
   std::uint64_t regions = 0;           ///< regions sent completely
   std::uint64_t records = 0;           ///< records in these regions
   std::uint64_t messages_dropped = 0;  ///< messages cancelled after a newer demand
@@ -135,7 +139,7 @@ class DeliveryServer {
   };
   struct Message {
     std::uint32_t number = 0;           // in the order of planning
-    std::uint32_t region = spm::kNone;  // kNone: the base mesh
+    std::uint32_t region = spm::kNone;  // or a part of the directory (kFirstPage); kNone: the base mesh
     std::uint32_t contact_in_us = 0;
     std::uint32_t checksum = 0;
     MessagePieces pieces;
@@ -195,6 +199,7 @@ class DeliveryServer {
   void compare(HrtcState& state, Service& service, const Object& object);
   void add_covered_records(Service& service, const Object& object, std::uint32_t region) const;
   [[nodiscard]] static Message* first_lost(Service& service, std::size_t free_bytes = kMaxPayload);
+  [[nodiscard]] static bool is_base_due(const Service& service) noexcept;
   [[nodiscard]] static std::optional<std::uint32_t> urgency(Service& service);
   [[nodiscard]] bool plan(Service& service, std::uint64_t object_id, std::size_t free_bytes);
   void drop_changed(HrtcState& state, Service& service, std::uint64_t object_id, const Message& message);

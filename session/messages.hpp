@@ -19,7 +19,7 @@
 namespace tactus::session {
 
 /// Raise this number when a change makes older programs misread newer samples.
-inline constexpr std::uint32_t kProtocolVersion = 17;
+inline constexpr std::uint32_t kProtocolVersion = 18;
 
 // Bounds. idl/tactus.idl repeats them; a test compares both.
 inline constexpr std::size_t kMaxName = 63;
@@ -181,7 +181,15 @@ struct BulkChunk {
 [[nodiscard]] std::uint32_t stream_id(const Origin& host, const Origin& hrtc, std::uint64_t object_id) noexcept;
 [[nodiscard]] std::uint32_t checksum_of(std::span<const std::uint8_t> payload) noexcept;
 
-/// A region that an HRTC requests.
+/// A message of the topic records contains a region, whose number is below kFirstPage, or a part of the directory: a
+/// page, with the number kFirstPage + PageId, or all pages that have regions, with the number kAllPages.
+inline constexpr std::uint32_t kFirstPage = 1u << 31, kAllPages = 0xfffffffe;
+[[nodiscard]] constexpr bool is_of_directory(std::uint32_t number) noexcept {
+  return (number >= kFirstPage && number - kFirstPage < spm::kPageIds) || number == kAllPages;
+}
+[[nodiscard]] constexpr std::uint32_t number_of(spm::PageId page) noexcept { return kFirstPage + spm::index(page); }
+
+/// A region that an HRTC requests, or a part of the directory.
 struct Wanted {
   std::uint32_t region = 0;
   std::uint32_t contact_in_us = 0;  ///< expected time to contact

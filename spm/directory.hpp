@@ -1,5 +1,5 @@
-/// The sizes of directories. The directory of an object lists its regions, the loaded regions, and some of the received
-/// records. It has an entry for each region and each base face, and is not part of the pool.
+/// The sizes of directories. The directory of an object lists the regions of its pages, the loaded regions, and some of
+/// the received records. It has an entry for each base face, and is not part of the pool.
 #pragma once
 
 #include <algorithm>
@@ -12,16 +12,27 @@
 
 namespace tactus::spm {
 
+/// Max number of pages that an HRTC has of one object, and that a viewer has, which needs all with regions.
+inline constexpr std::uint32_t kMaxObjectPages = 4096, kMaxWholePages = 1u << 17;
 /// Bytes for each region in the loader besides its grid: the progress of the region, and the summary of its list
 /// (hrtc_service/loader.hpp).
 inline constexpr std::uint32_t kLoaderBytesPerRegion = 20;
 /// Bytes for each object in the compressed cache: some of the received records (spm/codec/received_records.hpp).
 inline constexpr std::uint32_t kReceivedRecordsBytes = 16'384;
 
-/// Returns the bytes of an object's directory.
-[[nodiscard]] inline std::uint64_t directory_bytes(const ModelSummary& summary, const PoolSettings& pool) noexcept {
-  return Cache::directory_bytes(summary) + Forest::directory_bytes(summary, pool) + RegionGrid::bytes(summary.regions) +
-         std::uint64_t{summary.regions} * kLoaderBytesPerRegion + kReceivedRecordsBytes;
+/// Returns the bytes of an object's directory without its pages. Gateway and servo have a grid each.
+[[nodiscard]] inline std::uint64_t directory_bytes(const ModelSummary& summary, const PoolSettings& pool,
+                                                   std::uint32_t max_pages) noexcept {
+  return Cache::directory_bytes(summary) + Forest::directory_bytes(summary, pool) + 2 * RegionGrid::bytes(max_pages) +
+         kReceivedRecordsBytes;
+}
+/// Returns the bytes of a page in the directory.
+[[nodiscard]] inline std::uint64_t page_bytes(const RegionPage& page) noexcept {
+  return 2 * page.bytes() + std::uint64_t{page.end_region() - page.first_region()} * kLoaderBytesPerRegion;
+}
+/// Returns the bytes of a page with these regions in the directory.
+[[nodiscard]] inline std::uint64_t page_bytes(std::span<const Region> regions) noexcept {
+  return 2 * RegionPage::bytes(regions) + regions.size() * kLoaderBytesPerRegion;
 }
 
 /// Returns the number of AB-tree nodes (spm/ab_tree.hpp) above the faces with the given FaceIds. O(n log n), allocates.
@@ -39,6 +50,29 @@ inline constexpr std::uint32_t kReceivedRecordsBytes = 16'384;
   std::vector<std::uint32_t> faces;
   for (const BaseFace& face : base) faces.push_back(index(face.face));
   return tree_nodes_above(std::move(faces), finest_faces);
+}
+
+/// Returns the bytes of an object's directory with all its pages, from all regions of the model. O(regions).
+[[nodiscard]] inline std::uint64_t directory_bytes(const ModelSummary& summary, const PoolSettings& pool,
+                                                   std::span<const Region> regions) noexcept {
+  std::uint64_t bytes = 0;
+  std::uint32_t pages = 0;
+  for (; !regions.empty(); ++pages) {
+    const std::size_t count = RegionPage::leading(regions);
+    bytes += page_bytes(regions.first(count));
+    regions = regions.subspan(count);
+  }
+  return bytes + directory_bytes(summary, pool, pages);
+}
+
+/// Estimates the bytes of an object's directory with all its pages. Assumes 40 regions in a page, and that a quarter of
+/// the regions is in pages with divided cells.
+[[nodiscard]] inline std::uint64_t directory_bytes(const ModelSummary& summary, const PoolSettings& pool) noexcept {
+  const std::uint64_t regions = summary.regions, pages = regions / 40 + 1;
+  const std::uint64_t grid =
+      pages * sizeof(RegionPage) + regions * RegionPage::kBytesPerRegion + regions / 4 * sizeof(std::uint32_t);
+  const std::uint32_t max_pages = std::min(kMaxObjectPages, RegionGrid::pages_in_bounds(summary));
+  return directory_bytes(summary, pool, max_pages) + 2 * grid + regions * kLoaderBytesPerRegion;
 }
 
 struct MemoryShares {

@@ -408,7 +408,7 @@ bool Forest::is_exact(const Vec3d& centre, double radius) const noexcept {
   bool all = is_base_shown();
   const bool seen =
       grid_.for_each_intersecting(centre, radius, [&](RegionId region, double) { all = all && is_refined(region); });
-  return all && seen;
+  return all && seen && grid_.has_pages(centre, radius);
 }
 
 std::map<RowIndex, Forest::ShownFace> Forest::shown_faces() const {

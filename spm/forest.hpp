@@ -65,13 +65,13 @@ class Forest {
   /// `pool` and `nodes` must outlive the forest. Not realtime: allocates.
   Forest(Pool& pool, NodePool& nodes, ObjectIndex object, const ModelSummary& summary, RegionGrid grid, BaseSlots base);
 
-  /// Returns the bytes that the forest needs for the base mesh of an object, its grid, and the state of the regions
-  /// that can be loaded at a time.
+  /// Returns the bytes that the forest needs for the base mesh of an object, and the state of the regions that can be
+  /// loaded at a time.
   [[nodiscard]] static std::uint64_t directory_bytes(const ModelSummary& summary, const PoolSettings& pool) noexcept {
     constexpr std::uint64_t kPerLoaded = sizeof(State) + 3 * sizeof(StateIndex);
     const std::uint32_t loaded = max_loaded(summary.regions, pool);
-    return std::uint64_t{summary.base_faces} * sizeof(BaseSlots::Face) + RegionGrid::bytes(summary.regions) +
-           loaded * kPerLoaded + CompactIndex::bytes(loaded);
+    return std::uint64_t{summary.base_faces} * sizeof(BaseSlots::Face) + loaded * kPerLoaded +
+           CompactIndex::bytes(loaded);
   }
 
   /// Returns the number of used nodes above which the forest coarsens retained regions, the oldest first. It is half of
@@ -81,6 +81,10 @@ class Forest {
     return std::min(pool.slots / 8, pool.tree_nodes / 2);
   }
 
+  /// Adds a page, which must outlive the forest. RegionGrid::can_insert must be true for the grid.
+  void add(const RegionPage& page) noexcept { grid_.insert(page); }
+  /// Removes a page. Queries that meet it are no longer exact. Loaded regions in it stay loaded.
+  void remove(const RegionPage& page) noexcept { grid_.remove(page); }
   /// Adds a loaded region. It stays coarse until it is in a target.
   void add(RegionId region, RegionList list) noexcept;
   /// Starts to unload a region: `advance` coarsens it, then `take_retired` returns it.
@@ -150,8 +154,9 @@ class Forest {
   /// does not fit; the forest is then unusable. Not realtime: O(shown records).
   [[nodiscard]] bool restore(std::uint32_t base_faces, const InUse* regions, std::uint32_t count) noexcept;
 
-  /// True if the base mesh is shown and every labelled cell that the sphere intersects is refined. A query within the
-  /// sphere then returns the contacts of the finest mesh. False if a coordinate is not finite.
+  /// True if the base mesh is shown, the grid has every page that the sphere meets, and every labelled cell that the
+  /// sphere intersects is refined. A query within the sphere then returns the contacts of the finest mesh. False if a
+  /// coordinate is not finite.
   [[nodiscard]] bool is_exact(const Vec3d& centre, double radius) const noexcept;
 
   [[nodiscard]] const AbTree& tree() const noexcept { return tree_; }

@@ -26,6 +26,8 @@ enum class RecordId : std::uint32_t {};
 enum class PartIndex : std::uint32_t {};
 /// A labelled cell of the partition of the model's bounds.
 enum class RegionId : std::uint32_t {};
+/// A page of the partition (spm/region_grid.hpp): the Morton code of its coordinates, below kMaxPages.
+enum class PageId : std::uint32_t {};
 
 /// An object of one HRTC, below kMaxObjects.
 enum class ObjectIndex : std::uint32_t {};

@@ -11,8 +11,9 @@ namespace {
 
 /// Returns the settings of the largest pool that fits into `memory` bytes together with the directory. A larger pool
 /// needs a larger directory, so the directory of a pool of `memory` bytes is an upper bound.
-PoolSettings pool_in(std::uint64_t memory, const ModelSummary& summary) {
-  const std::uint64_t directory = directory_bytes(summary, PoolSettings::for_bytes(memory));
+PoolSettings pool_in(std::uint64_t memory, const RegionSource& source) {
+  const std::uint64_t directory =
+      directory_bytes(source.base().summary, PoolSettings::for_bytes(memory), source.regions());
   return PoolSettings::for_bytes(memory > directory ? memory - directory : 0);
 }
 
@@ -31,7 +32,7 @@ LocalRefinement::LocalRefinement(RegionSource& source, ProbeShape probe, const L
     : source_{source},
       probe_{std::move(probe)},
       settings_{settings},
-      pool_{pool_in(settings.memory, source.base().summary)},
+      pool_{pool_in(settings.memory, source)},
       nodes_{pool_.settings.tree_nodes},
       cache_{pool_},
       admitted_{admit(cache_, source.base(), settings.memory)},
@@ -39,12 +40,12 @@ LocalRefinement::LocalRefinement(RegionSource& source, ProbeShape probe, const L
               nodes_,
               admitted_.object,
               source.base().summary,
-              RegionGrid{source.base().summary.grid, source.base().regions},
+              RegionGrid{source.base().summary.grid, source.regions()},
               std::move(admitted_.base)},
       predictor_{forest_.grid(), probe_, 1, {0, settings.margins.refine, settings.min_speed, settings.strategy}},
       targets_{settings.targets},
       placed_(probe_.spheres().size()),
-      last_wanted_frame_(source.base().regions.size(), 0) {
+      last_wanted_frame_(source.regions().size(), 0) {
   Budget unlimited{~0u};
   if (forest_.advance(unlimited) != Advance::kDone)
     throw std::runtime_error("the base mesh needs more than " + std::to_string(pool_.settings.tree_nodes) +
@@ -83,7 +84,7 @@ void LocalRefinement::approach(const Eigen::Isometry3d& pose, double time, bool 
 bool LocalRefinement::load(RegionId region) {
   RegionList list;
   const RegionData data = source_.region(region);
-  switch (cache_.accept(admitted_.object, data, list_summary(source_.base().regions[index(region)]), list)) {
+  switch (cache_.accept(admitted_.object, data, list_summary(source_.regions()[index(region)]), list)) {
     case AcceptResult::kAccepted:
       forest_.add(region, list);
       return true;

@@ -28,6 +28,8 @@ class RegionSource {
  public:
   virtual ~RegionSource() = default;
   [[nodiscard]] virtual const BaseMesh& base() const = 0;
+  /// All regions of the model, without their lists.
+  [[nodiscard]] virtual std::span<const Region> regions() const = 0;
   /// Returns a region with all its records. Throws if it has no such region; `approach` passes the exception on.
   [[nodiscard]] virtual RegionData region(RegionId region) = 0;
 };

@@ -471,9 +471,17 @@ BaseMesh base_mesh_of(const Model& model) {
   base.positions.assign(model.positions.begin(), model.positions.begin() + model.summary.base_vertices);
   base.radii.assign(model.base_radii.begin(), model.base_radii.end());
   base.faces.assign(model.base_faces.begin(), model.base_faces.end());
-  base.regions.assign(model.regions.begin(), model.regions.end());
-  for (Region& region : base.regions) region.first_interval = region.interval_count = 0;
   return base;
+}
+
+Page page_with_id(std::span<const Region> regions, PageId id) {
+  const auto begin = std::lower_bound(regions.begin(), regions.end(), id,
+                                      [](const Region& region, PageId wanted) { return page_of(region) < wanted; });
+  const auto end = std::upper_bound(begin, regions.end(), id,
+                                    [](PageId wanted, const Region& region) { return wanted < page_of(region); });
+  Page page{id, static_cast<std::uint32_t>(begin - regions.begin()), {begin, end}};
+  for (Region& region : page.regions) region.first_interval = region.interval_count = 0;
+  return page;
 }
 
 std::vector<double> collapse_distances(std::span<const std::array<float, 3>> positions,
@@ -522,18 +530,37 @@ std::vector<std::string> violations(const BaseMesh& base) {
   check_size(findings, "base positions", base.positions.size(), s.base_vertices);
   check_size(findings, "base radii", base.radii.size(), s.base_vertices);
   check_size(findings, "base faces", base.faces.size(), s.base_faces);
-  check_size(findings, "regions", base.regions.size(), s.regions);
   if (!findings.none()) return findings.take();
   check_positions(s, base.positions, findings);
   for (std::size_t v = 0; v < base.radii.size() && !findings.full(); ++v) {
     check_radius("vertex", v, base.radii[v], s.deviation, findings);
   }
   check_base_faces(s, base.faces, findings);
-  check_list_lengths(s, base.regions, findings);
-  check_cells(s, base.regions, findings);
-  for (std::size_t i = 0; i < base.regions.size() && !findings.full(); ++i) {
-    if (base.regions[i].first_interval != 0 || base.regions[i].interval_count != 0) {
-      findings.add("region ", i, ": has intervals, expected none in a base mesh");
+  return findings.take();
+}
+
+std::vector<std::string> violations(const ModelSummary& summary, std::span<const Region> regions) {
+  Findings findings;
+  check_size(findings, "regions", regions.size(), summary.regions);
+  check_list_lengths(summary, regions, findings);
+  check_cells(summary, regions, findings);
+  return findings.take();
+}
+
+std::vector<std::string> violations(const ModelSummary& summary, const Page& page) {
+  Findings findings;
+  if (index(page.id) >= kPageIds) findings.add("page: found number ", page.id, ", expected below ", kPageIds);
+  if (page.first > summary.regions || page.regions.size() > summary.regions - page.first) {
+    findings.add("page ", page.id, ": found regions ", page.first, " + ", page.regions.size(), ", expected at most ",
+                 summary.regions);
+  }
+  if (!findings.none()) return findings.take();
+  check_cells(summary, page.regions, findings);
+  for (std::size_t i = 0; i < page.regions.size() && findings.none(); ++i) {
+    const Region& region = page.regions[i];
+    if (page_of(region) != page.id) findings.add("page ", page.id, ": contains a cell of page ", page_of(region));
+    if (region.first_interval != 0 || region.interval_count != 0) {
+      findings.add("region ", page.first + i, ": has intervals, expected none in a page");
     }
   }
   return findings.take();

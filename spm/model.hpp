@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "spm/ids.hpp"
+#include "spm/morton.hpp"
 #include "spm/record.hpp"
 
 namespace tactus::spm {
@@ -136,16 +137,38 @@ struct OwnedModel {
   }
 };
 
-/// The data of a model that an HRTC needs before the first record: base mesh and labelled cells.
+/// The coarsest mesh of a model.
 struct BaseMesh {
   ModelSummary summary;
   std::vector<std::array<float, 3>> positions;  ///< positions of the base vertices
   std::vector<std::uint16_t> radii;             ///< radius codes of the base vertices
   std::vector<BaseFace> faces;
+};
+[[nodiscard]] BaseMesh base_mesh_of(const Model& model);
+
+inline constexpr std::uint32_t kPageSide = 8;  ///< cells of depth 0 along an edge of a page
+/// Number of all PageIds.
+inline constexpr std::uint32_t kPageIds = 1u << 30;
+static_assert(kMaxCellsPerSide / kPageSide == 1u << 10);
+/// Returns the page with these coordinates, in edge lengths of pages.
+[[nodiscard]] constexpr PageId page_at(std::uint32_t x, std::uint32_t y, std::uint32_t z) noexcept {
+  return PageId{static_cast<std::uint32_t>(morton(x, y, z))};
+}
+/// Returns the page that contains a region.
+[[nodiscard]] constexpr PageId page_of(const Region& region) noexcept {
+  const auto along = [&](std::size_t axis) { return (std::uint32_t{region.cell[axis]} >> region.depth) / kPageSide; };
+  return page_at(along(0), along(1), along(2));
+}
+
+/// The regions of a page. A page may have none.
+struct Page {
+  PageId id{};
+  std::uint32_t first = 0;  ///< id of its first region; without regions, of the first region of a later page
   /// As in Model, but first_interval and interval_count are 0, because each region message contains its list.
   std::vector<Region> regions;
 };
-[[nodiscard]] BaseMesh base_mesh_of(const Model& model);
+/// Returns a page of a model, from all regions of the model. O(log(regions) + regions of the page), allocates.
+[[nodiscard]] Page page_with_id(std::span<const Region> regions, PageId id);
 
 /// Returns for each vertex the maximum distance, in file units, to the vertices that collapse into it, over any number
 /// of steps. `parent` contains the parent of each vertex, or kNone for a base vertex. O(vertices x depth of the
@@ -163,6 +186,10 @@ struct BaseMesh {
 /// Allocates.
 [[nodiscard]] std::vector<std::string> violations(const Model& model);
 [[nodiscard]] std::vector<std::string> violations(const BaseMesh& base);
+/// Checks the regions of a whole model, without their lists. `summary` must have no violations.
+[[nodiscard]] std::vector<std::string> violations(const ModelSummary& summary, std::span<const Region> regions);
+/// As above, for a page.
+[[nodiscard]] std::vector<std::string> violations(const ModelSummary& summary, const Page& page);
 
 /// The corners of faces by FaceId.
 using ModelCorners = IdVector<FaceId, std::array<VertexId, 3>>;

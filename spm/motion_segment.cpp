@@ -19,8 +19,7 @@ double angle(const Vec3d& from, const Vec3d& to, const Vec3d& normal) {
 /// 0 at the distance `reach`.
 template <class Visit>
 void for_each_cell(const RegionGrid& grid, const Vec3d& p, double reach, Visit&& visit) {
-  grid.for_each_intersecting(p, reach, [&](RegionId region, double) {
-    const CellBox box = grid.box(region);
+  grid.for_each_intersecting(p, reach, [&](RegionId, double, const CellBox& box) {
     const Vec3d from = (box.low + box.high) / 2 - p;
     const double near = 1 - from.squaredNorm() / (reach * reach);
     if (near > 0) visit(from, near * near);

@@ -40,8 +40,8 @@ my-study.yaml:
 
 Everything runs in virtual time. If a study was interrupted, the same command with the same folder continues it.
 docs/how-to/studies.md describes how scenarios define measurements, and each figure.
-Exit status: 0 done, 1 a run failed or the output could not be written, 2 wrong input, 130 interrupted. With 1 and 130 the study has written the tables of
-its finished runs.)";
+Exit status: 0 done, 1 a run failed or the output could not be written, 2 wrong input, 130 interrupted. With 1 and 130
+the study has written the tables of its finished runs.)";
 
 struct Options {
   std::string file, out = "study", scan;

@@ -83,11 +83,12 @@ struct FlightRegion {
 struct FlightObjectState {
   std::uint32_t object = 0, base_faces = 0;
   std::uint64_t mesh_hash = 0;
-  std::vector<std::uint32_t> loaded_regions;
+  std::vector<std::uint32_t> loaded_pages, loaded_regions;
   std::vector<FlightRegion> in_use;
   template <class Self, class Visit>
   static void fields(Self& self, Visit&& visit) {
-    visit(self.object), visit(self.base_faces), visit(self.mesh_hash), visit(self.loaded_regions), visit(self.in_use);
+    visit(self.object), visit(self.base_faces), visit(self.mesh_hash), visit(self.loaded_pages),
+        visit(self.loaded_regions), visit(self.in_use);
   }
 };
 
@@ -113,7 +114,10 @@ struct FlightEvent {
     kRegionRetired,
     kRegionDeparted,
     kObjectWithdrawn,
-    kObjectDeparted
+    kObjectDeparted,
+    kPageArrived,
+    kPageDropped,
+    kPageDeparted
   };
   std::uint64_t cycle = 0;
   Kind kind = Kind::kStopped;

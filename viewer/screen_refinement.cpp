@@ -29,7 +29,8 @@ std::vector<BaseRegion> base_regions(const spm::Forest& forest) {
     if (!grid.for_each_intersecting(centre, radius, [&](spm::RegionId region, double) { found.push_back(region); })) {
       found.clear();
       for (std::uint32_t region = 0; region < grid.size(); ++region)
-        if (grid.box(spm::RegionId{region}).squared_distance(centre) <= radius * radius)
+        if (grid.has(spm::RegionId{region}) &&
+            grid.box(spm::RegionId{region}).squared_distance(centre) <= radius * radius)
           found.push_back(spm::RegionId{region});
     }
     for (const spm::RegionId region : found) add(region);

@@ -51,8 +51,8 @@ ViewerCore::ViewerCore(const session::Origin& self, const ViewerSettings& settin
       screen_due_{kScreenNs},
       intake_link_{std::make_unique<hrtc_service::IntakeLink>()},
       intake_{std::make_unique<hrtc_service::Intake>(settings.pool, *intake_link_)},
-      loader_{
-          std::make_unique<hrtc_service::Loader>(settings.pool, self, hrtc_service::LoaderSettings{}, *intake_link_)} {
+      loader_{std::make_unique<hrtc_service::Loader>(
+          settings.pool, self, hrtc_service::LoaderSettings{.wants_whole_directory = true}, *intake_link_)} {
   loader_->on_event = [this](session::Severity, const std::string& text) { add_event(text, now_ns_); };
   loader_->on_object_found = [this](const session::CatalogueEntry& entry) {
     SeenObject& object = objects_[entry.object_id];
@@ -235,7 +235,7 @@ std::optional<ViewerCore::Entries> ViewerCore::shown_entries(const Loaded& loade
     any = true;
     are_complete = are_complete && shown.complete;
     for (const session::ShownRegion& region : shown.regions)
-      if (region.region < loaded.object->forest->grid().size())
+      if (loaded.object->forest->grid().has(spm::RegionId{region.region}))
         entries[region.region] = std::max(entries[region.region], region.applied);
   });
   if (!are_complete || !any) return std::nullopt;
@@ -337,6 +337,11 @@ void ViewerCore::process_arrivals() {
       case Arrival::Kind::kRegion:
         loaded->object->forest->add(arrival.region, arrival.list);
         break;
+      case Arrival::Kind::kDropPage:  // the viewer requests the whole directory, and drops nothing
+        break;
+      case Arrival::Kind::kPage:
+        loaded->object->forest->add(*arrival.page);
+        break;
       case Arrival::Kind::kRetire:
         loaded->object->forest->retire(arrival.region);
         break;
@@ -397,10 +402,11 @@ void ViewerCore::choose_screen_entries() {
     const auto object = objects_.find(loaded.object->id);
     if (loaded.withdrawn || object == objects_.end()) continue;
     const sharing::Placement placement{object->second.pose, loaded.object->placement.scale()};
+    const spm::RegionGrid& grid = loaded.object->forest->grid();
     for (std::uint32_t region = 0; region < loaded.base_regions.size(); ++region)
-      refinement.add(loaded.object->index, region, loaded.base_regions[region],
-                     loaded.object->forest->grid().box(spm::RegionId{region}), placement,
-                     loader_->records_of(loaded.object->index, region), loaded.distinct, cameras_);
+      if (grid.has(spm::RegionId{region}))
+        refinement.add(loaded.object->index, region, loaded.base_regions[region], grid.box(spm::RegionId{region}),
+                       placement, loader_->records_of(loaded.object->index, region), loaded.distinct, cameras_);
   }
   // The other slots are for the regions near probes.
   screen_entries_ = refinement.choose(settings_.faces, settings_.pool.slots / 2);
@@ -411,7 +417,7 @@ void ViewerCore::mark_regions(const Loaded& loaded, SeenObject& object) const {
   std::map<std::uint32_t, RegionMark> marks;  // by region
   for_each_shown(loaded, [&](const session::ShownRegions& shown) {
     for (const session::ShownRegion& region : shown.regions)
-      if (region.applied > 0 && region.region < grid.size()) marks[region.region] = RegionMark::kResident;
+      if (region.applied > 0 && grid.has(spm::RegionId{region.region})) marks[region.region] = RegionMark::kResident;
   });
   for (const std::uint32_t region : loader_->predicted_contacts(loaded.object->index))
     marks[region] = RegionMark::kPredicted;
@@ -444,7 +450,8 @@ void ViewerCore::refine() {
   const bool sets_targets = targets_due_.due(now_ns_);
   for (Loaded& loaded : loaded_) {
     spm::Forest& forest = *loaded.object->forest;
-    if (!loaded.withdrawn && loaded.base_regions.empty() && forest.is_base_shown()) set_base_regions(loaded);
+    if (!loaded.withdrawn && loaded.base_regions.empty() && forest.is_base_shown() && forest.grid().pages() > 0)
+      set_base_regions(loaded);
     // Without a target, the forest shows only its base mesh.
     if (!loaded.withdrawn && !loaded.base_regions.empty() && sets_targets) set_targets(loaded);
     (void)forest.advance(budget);

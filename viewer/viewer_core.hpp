@@ -211,7 +211,7 @@ class ViewerCore {
   struct Loaded {
     hrtc_service::TouchObject* object = nullptr;
     bool withdrawn = false;
-    std::vector<BaseRegion> base_regions{};  // by region; empty: the base mesh is not shown yet
+    std::vector<BaseRegion> base_regions{};  // by region; empty: base mesh or directory is missing
     double distinct = 1;                     // number of records / entries of the lists of all regions
   };
 

@@ -133,17 +133,17 @@ FIELDS = {'radius': 256, 'corner': 3, 'anchor': 106, 'anchor_first': 74, 'deform
 
 
 class Base:
-    """A base mesh message: summary, base mesh, regions without their lists, and prefix codes."""
+    """A base mesh message: summary, base mesh, and prefix codes."""
 
     def __init__(self, data):
         self.data = bytes(data)
         reader = ByteReader(self.data)
         version = reader.raw('B')
-        require(version == 7, f'base mesh: found encoding version {version}, expected 7')
+        require(version == 8, f'base mesh: found encoding version {version}, expected 8')
         self.digest = reader.raw('Q')
         for name in COUNTS:
             setattr(self, name, reader.varint())
-        require(self.base_vertices + self.base_faces + self.regions <= len(data), 'base mesh: its counts are too large')
+        require(self.base_vertices + self.base_faces <= len(data), 'base mesh: its counts are too large')
         require(self.faces < 1 << 30, 'base mesh: it has too many faces')
         self.bounds_min, self.bounds_max, self.grid = reader.raw('3f'), reader.raw('3f'), reader.raw('4d')
         self.metres_per_unit, self.deviation, self.step = reader.raw('3d')
@@ -175,13 +175,6 @@ class Base:
                 corners.append(corner)
             require(0 <= face < self.faces and all(0 <= c < self.base_vertices for c in corners), 'base mesh: bad face')
             self.base.append((face, code & 1, corners))
-        self.region_table = []  # (x, y, z, depth, occupied, records, parts, faces, checksum)
-        for _ in range(self.regions):
-            cell = [reader.varint() for _ in range(4)]
-            require(max(cell) <= 0xFFFF and cell[3] <= 8, 'base mesh: bad cell')
-            occupied, records = reader.raw('Q'), reader.varint()
-            parts = records + reader.varint()
-            self.region_table.append((*cell, occupied, records, parts, reader.varint(), reader.raw('I')))
         bits = BitReader(reader.take(reader.varint()))
         self.codes = {name: PrefixCode(bits, symbols) for name, symbols in FIELDS.items()}
         require(reader.at == len(self.data), 'base mesh: found bytes after its end')
@@ -510,6 +503,26 @@ def checksum_of(u, ring):
     return (total & MASK64) >> 32
 
 
+# ---- regions
+
+def read_regions(reader, count, origin=(0, 0, 0)):
+    """Reads regions without their lists: (x, y, z, depth, occupied, records, parts, faces, checksum) of each.
+
+    `origin` is the cell of depth 0 to which the cells are relative.
+    """
+    require(count * 19 <= len(reader.data) - reader.at, 'regions: they do not fit')
+    regions = []
+    for _ in range(count):
+        x, y, z, depth = (reader.varint() for _ in range(4))
+        require(depth <= 8, 'regions: bad depth')
+        cell = [c + (first << depth) for c, first in zip((x, y, z), origin)]
+        require(max(cell) <= 0xFFFF, 'regions: bad cell')
+        occupied, records = reader.raw('Q'), reader.varint()
+        parts = records + reader.varint()
+        regions.append((*cell, depth, occupied, records, parts, reader.varint(), reader.raw('I')))
+    return regions
+
+
 # ---- .spm files
 
 
@@ -520,11 +533,14 @@ class Model:
         with open(path, 'rb') as file:
             data = file.read()
         self.sections = read_sections(data)
-        self.statistics = bytes(self.sections[4]).decode()
+        self.statistics = bytes(self.sections[5]).decode()
         base = self.base = Base(self.sections[0])
-        require(base.records <= base.parts <= len(self.sections[1]) and base.faces <= base.base_faces + 2 * base.parts,
+        reader = ByteReader(self.sections[1])
+        self.regions = read_regions(reader, base.regions)
+        require(reader.at == len(reader.data), 'regions: found bytes after the last region')
+        require(base.records <= base.parts <= len(self.sections[2]) and base.faces <= base.base_faces + 2 * base.parts,
                 'the counts are too large for the codes')
-        sizes = ByteReader(self.sections[3])
+        sizes = ByteReader(self.sections[4])
         self.block_bits = [sizes.varint() for _ in range((base.records + 127) // 128)]
         list_bits = [sizes.varint() for _ in range(base.regions)]
         require(sizes.at == len(sizes.data), 'sizes: found bytes after the last size')
@@ -535,13 +551,13 @@ class Model:
         require(sum(len(record[2]) for record in applied.values()) == base.parts, 'wrong number of parts')
         require(max((record[4] for record in applied.values()), default=0) == base.max_level, 'wrong largest level')
 
-        bits, start, self.lists = BitReader(self.sections[2]), 0, []
+        bits, start, self.lists = BitReader(self.sections[3]), 0, []
         for region, size in enumerate(list_bits):
             self.lists.append(read_intervals(base, bits, base.records))
             start += size
             require(bits.at == start, 'a list does not end where its size states')
             listed = numbers(self.lists[-1])
-            _, _, _, _, _, records, parts, faces, checksum = base.region_table[region]
+            _, _, _, _, _, records, parts, faces, checksum = self.regions[region]
             require((records, parts) == (len(listed), sum(len(applied[number][2]) for number in listed)) and
                     0 < faces <= base.faces, 'a region has wrong counts')
             require(self.mesh.checksum(self.lists[-1]) == checksum, 'a list has a wrong checksum')
@@ -551,7 +567,7 @@ class Model:
 
     def read_records(self):
         """Yields (number, Record) for each record of the model."""
-        bits, start = BitReader(self.sections[1]), 0
+        bits, start = BitReader(self.sections[2]), 0
         reader = RecordReader(self.base, bits)
         for number in range(self.base.records):
             if number % 128 == 0:
@@ -583,7 +599,7 @@ class Model:
                 (later_parts if i else first_parts).append(part)
         out += first_parts + later_parts
         interval = 0
-        for region, (x, y, z, depth, occupied, *counts, checksum) in enumerate(base.region_table):
+        for region, (x, y, z, depth, occupied, *counts, checksum) in enumerate(self.regions):
             count = len(self.lists[region])
             out.append(struct.pack('<4HQ6I', x, y, z, depth, occupied, interval, count, *counts, checksum))
             interval += count
@@ -592,22 +608,22 @@ class Model:
 
 
 def read_sections(data):
-    """Returns the contents of the six sections: base mesh, codes, lists, sizes, statistics, checksums of blocks."""
-    require(len(data) >= 256 and data[:8] == b'tactSPM\n', 'found no .spm file')
+    """Returns the contents of the sections: base mesh, regions, codes, lists, sizes, statistics, checksums."""
+    require(len(data) >= 288 and data[:8] == b'tactSPM\n', 'found no .spm file')
     version, sections, size, checksum = struct.unpack_from('<2I2Q', data, 8)
-    require(version == 8, f'found file version {version}, expected 8')
-    require(sections == 6, f'found {sections} sections, expected 6')
+    require(version == 9, f'found file version {version}, expected 9')
+    require(sections == 7, f'found {sections} sections, expected 7')
     require(size == len(data), f'found {len(data)} bytes, expected {size}')
-    require(xxh3(data[:24] + bytes(8) + data[32:256]) == checksum, 'the header has a wrong checksum')
+    require(xxh3(data[:24] + bytes(8) + data[32:288]) == checksum, 'the header has a wrong checksum')
     contents = []
-    for i in range(6):
+    for i in range(7):
         kind, _, offset, size, checksum = struct.unpack_from('<2I3Q', data, 64 + 32 * i)
         require(kind == i + 1 and offset % 64 == 0 and offset + size <= len(data), f'section {i + 1} has a bad entry')
         contents.append(memoryview(data)[offset:offset + size])
         require(xxh3(contents[-1]) == checksum, f'section {i + 1} has a wrong checksum')
-    blocks = [section[at:at + BLOCK] for section in contents[1:3] for at in range(0, len(section), BLOCK)]
-    require(bytes(contents[5]) == b''.join(struct.pack('<Q', xxh3(block)) for block in blocks),
-            'section 6 has wrong checksums of blocks')
+    blocks = [section[at:at + BLOCK] for section in contents[2:4] for at in range(0, len(section), BLOCK)]
+    require(bytes(contents[6]) == b''.join(struct.pack('<Q', xxh3(block)) for block in blocks),
+            'section 7 has wrong checksums of blocks')
     return contents
 
 

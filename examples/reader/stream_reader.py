@@ -6,14 +6,18 @@ docs/reference/stream-format.md describes the format. This program uses no code 
     python3 stream_reader.py SESSION.mcap [OUT [MODEL.spm]]
 
 For each model of the session, writes OUT-DIGEST.ply: the mesh with all regions that the recording has completely.
-MODEL.spm supplies a base mesh that the recording does not have.
+MODEL.spm supplies a base mesh and regions that the recording does not have.
 """
 import struct
 import zlib
 
-from spm_reader import (Base, BitReader, ByteReader, Mesh, RecordReader, numbers, read_intervals, read_sections,
-                        require, run)
+from spm_reader import (Base, BitReader, ByteReader, Mesh, RecordReader, numbers, read_intervals, read_regions,
+                        read_sections, require, run)
 from xxh3 import MASK32, xxh3
+
+# Numbers of messages that are no region: FIRST_PAGE + page, or all pages.
+FIRST_PAGE, ALL_PAGES = 1 << 31, (1 << 32) - 2
+
 
 def read_mcap(path):
     """Yields (topic, encoded sample) for each message of an MCAP file. The file may be that of a killed recorder."""
@@ -77,16 +81,18 @@ class Recording:
 
     names     digest -> set of object names
     bases     digest -> Base
+    table     digest -> {region: entry of read_regions}, from every page
     regions   digest -> {region: list of intervals}, from every complete message
     records   digest -> {number: Record}, from every complete message
     demands   number of demands
     """
 
     def __init__(self, path, models=()):
-        self.names, self.bases, self.regions, self.records, self.demands = {}, {}, {}, {}, 0
-        for model in models:
-            base = Base(model)
+        self.names, self.bases, self.table, self.regions, self.records, self.demands = {}, {}, {}, {}, {}, 0
+        for sections in models:
+            base = Base(sections[0])
             self.bases[base.digest] = base
+            self.table[base.digest] = dict(enumerate(read_regions(ByteReader(sections[1]), base.regions)))
         digests, partials, messages = {}, {}, []
         for topic, sample in read_mcap(path):
             if topic == 'tactus_catalogue':
@@ -110,8 +116,24 @@ class Recording:
         for stream, region, message in messages:
             digest = digests.get(stream)
             if region is not None and digest in self.bases:
-                self.add_region(self.bases[digest], region, message)
+                if region == ALL_PAGES:
+                    reader = ByteReader(message)
+                    while reader.at < len(message):
+                        self.add_page(self.bases[digest], None, bytes(reader.take(reader.varint())))
+                elif region >= FIRST_PAGE:
+                    self.add_page(self.bases[digest], region - FIRST_PAGE, message)
+                else:
+                    self.add_region(self.bases[digest], region, message)
         self.digests = set(digests.values())
+
+    def add_page(self, base, expected_page, message):
+        reader = ByteReader(message)
+        page, first, count = (reader.varint() for _ in range(3))
+        require(page < 1 << 30 and expected_page in (None, page), 'a message has another page than its pieces')
+        origin = [8 * sum((page >> 3 * bit + axis & 1) << bit for bit in range(10)) for axis in range(3)]
+        regions = read_regions(reader, count, origin)
+        require(reader.at == len(message) and first + count <= base.regions, 'a page has wrong counts')
+        self.table.setdefault(base.digest, {}).update(enumerate(regions, first))
 
     def add_region(self, base, expected_region, message):
         bits = BitReader(message)
@@ -143,7 +165,8 @@ class Recording:
         for number in sorted({number for region in regions for number in numbers(self.regions[digest][region])}):
             mesh.apply(number, self.records[digest][number])
         for region in regions:
-            require(mesh.checksum(self.regions[digest][region]) == mesh.base.region_table[region][8],
+            entry = self.table.get(digest, {}).get(region)  # None: its page came before the recording began
+            require(entry is None or mesh.checksum(self.regions[digest][region]) == entry[8],
                     f'region {region} has a wrong checksum')
         return mesh
 
@@ -188,7 +211,7 @@ def main(path, out=None, model=None):
     models = []
     if model:
         with open(model, 'rb') as file:
-            models.append(read_sections(file.read())[0])
+            models.append(read_sections(file.read()))
     recording = Recording(path, models)
     print(f'{recording.demands} demands')
     for digest in sorted(recording.digests):

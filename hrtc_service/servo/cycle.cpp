@@ -29,6 +29,7 @@ Cycle::Cycle(const CycleSettings& settings, const std::array<haptics::DeviceSpec
   objects_.reserve(kMaxObjects);
   withdrawn_.reserve(kMaxObjects);
   departed_.reserve(departures.write_available());
+  dropped_pages_.reserve(2 * departures.write_available());
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     surfaces_[i].set_caches(&candidate_caches_);
     spheres_.emplace_back(settings.radius);
@@ -141,6 +142,15 @@ void Cycle::process_arrival(const Arrival& arrival) noexcept {
       break;
     case Arrival::Kind::kRegion:
       arrival.object->forest->add(arrival.region, arrival.list);
+      break;
+    case Arrival::Kind::kPage:
+      arrival.object->forest->add(*arrival.page);
+      break;
+    case Arrival::Kind::kDropPage:
+      arrival.object->forest->remove(*arrival.page);
+      // The intake drops no further pages while it cannot answer. If it did, this page would be freed with its object.
+      if (dropped_pages_.size() < dropped_pages_.capacity())
+        dropped_pages_.push_back({arrival.object->index, spm::RegionId{spm::kNone}, arrival.page});
       break;
     case Arrival::Kind::kRetire:
       arrival.object->forest->retire(arrival.region);
@@ -277,6 +287,7 @@ const CycleResult& Cycle::refine(spm::Budget budget, const RefineLimit& limit) n
   costs.refine = lap_ns(mark);
   for (TouchObject* object : objects_) costs.nodes_marked += refit(*object);
   for (TouchObject* object : withdrawn_) costs.nodes_marked += object->forest->refit().marked;
+  return_dropped_pages();
   return_removed_objects();
   costs.refit = lap_ns(mark);
   if (observer_ != nullptr) observer_->refined(*this, departed_, departures_.write_available() > 0);
@@ -306,6 +317,18 @@ void Cycle::coarsen_withdrawn(spm::Budget& budget, spm::Budget& granted, const R
   budget.units += share.units;
 }
 
+/// Returns to the intake the pages that the grids no longer have, before their objects.
+void Cycle::return_dropped_pages() noexcept {
+  std::size_t returned = 0;
+  for (;
+       returned < dropped_pages_.size() && departures_.write_available() > 0 && departed_.size() < departed_.capacity();
+       ++returned) {
+    departed_.push_back(dropped_pages_[returned]);
+    departures_.push(departed_.back());
+  }
+  dropped_pages_.erase(dropped_pages_.begin(), dropped_pages_.begin() + static_cast<std::ptrdiff_t>(returned));
+}
+
 /// Returns to the intake the withdrawn objects whose nodes and records are all free.
 void Cycle::return_removed_objects() noexcept {
   for (auto at = withdrawn_.begin(); at != withdrawn_.end();) {
@@ -315,7 +338,7 @@ void Cycle::return_removed_objects() noexcept {
       ++at;
       continue;
     }
-    departed_.push_back({object.index, spm::RegionId{spm::kNone}});
+    departed_.push_back({.object = object.index});
     departures_.push(departed_.back());
     at = withdrawn_.erase(at);
   }
@@ -403,7 +426,7 @@ void Cycle::return_retired_regions(TouchObject& object) noexcept {
   while (departures_.write_available() > 0 && departed_.size() < departed_.capacity()) {
     const spm::RegionId region = object.forest->take_retired();
     if (region == spm::kNone) return;
-    departed_.push_back({object.index, region});
+    departed_.push_back({.object = object.index, .region = region});
     departures_.push(departed_.back());
   }
 }

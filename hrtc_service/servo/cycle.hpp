@@ -89,7 +89,8 @@ class CycleObserver {
   virtual void moved(const TouchObject& object, const Placement& placement) noexcept = 0;
   virtual void touched(const std::array<ProbeInput, kMaxProbes>& probes, std::int64_t now_ns, const Arrival* arrivals,
                        std::uint32_t arrival_count, const CycleResult& result) noexcept = 0;
-  /// `departed`: the regions and objects returned to the intake. `departures_fit`: the ring of departures is not full.
+  /// `departed`: the regions, pages and objects returned to the intake. `departures_fit`: the ring of departures is not
+  /// full.
   virtual void refined(Cycle& cycle, std::span<const Departure> departed, bool departures_fit) noexcept = 0;
 };
 
@@ -258,6 +259,7 @@ class Cycle {
   void add_targets_under_bodies(const TouchObject& object) noexcept;
   void coarsen_withdrawn(spm::Budget& budget, spm::Budget& granted, const RefineLimit& limit, double& began) noexcept;
   std::uint32_t count_work(const spm::Forest& forest, const spm::ForestCounters& before) noexcept;
+  void return_dropped_pages() noexcept;
   void return_removed_objects() noexcept;
   [[nodiscard]] spm::Advance advance(TouchObject& object, spm::Budget& budget, spm::Budget& granted,
                                      const RefineLimit& limit, double& began) noexcept;
@@ -288,7 +290,8 @@ class Cycle {
   spm::CandidateCaches candidate_caches_;  // shared by the surfaces
   ContactQuery query_;
   spm::TargetSelection targets_;
-  std::vector<Departure> departed_;  // departures of this cycle; its capacity is that of the ring
+  std::vector<Departure> departed_;       // departures of this cycle; its capacity is that of the ring
+  std::vector<Departure> dropped_pages_;  // to return; fixed capacity
   CycleResult result_;
 };
 

@@ -96,11 +96,13 @@ void FlightRecorder::moved(const TouchObject& object, const Placement& placement
 void FlightRecorder::touched(const std::array<ProbeInput, kMaxProbes>& probes, std::int64_t now_ns,
                              const Arrival* arrivals, std::uint32_t arrival_count, const CycleResult& result) noexcept {
   for (std::uint32_t i = 0; i < arrival_count; ++i) {
-    constexpr Kind kKinds[] = {Kind::kObjectArrived, Kind::kRegionArrived, Kind::kRegionRetired,
-                               Kind::kObjectWithdrawn};
+    constexpr Kind kKinds[] = {Kind::kObjectArrived,   Kind::kRegionArrived, Kind::kRegionRetired,
+                               Kind::kObjectWithdrawn, Kind::kPageArrived,   Kind::kPageDropped};
     const Kind kind = kKinds[static_cast<std::size_t>(arrivals[i].kind)];
     const TouchObject* const object = arrivals[i].object;
-    put_event(kind, object->index, arrivals[i].region, kind == Kind::kObjectArrived ? object : nullptr);
+    const spm::RegionId region =
+        arrivals[i].page != nullptr ? spm::RegionId{spm::index(arrivals[i].page->id())} : arrivals[i].region;
+    put_event(kind, object->index, region, kind == Kind::kObjectArrived ? object : nullptr);
   }
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     const ProbeInput& input = probes[i];
@@ -197,8 +199,11 @@ bool FlightRecorder::push() noexcept {
 
 void FlightRecorder::refined(Cycle& cycle, std::span<const Departure> departed, bool departures_fit) noexcept {
   for (const Departure& departure : departed)
-    put_event(departure.is_object() ? Kind::kObjectDeparted : Kind::kRegionDeparted, departure.object,
-              departure.region);
+    put_event(departure.page != nullptr ? Kind::kPageDeparted
+              : departure.is_object()   ? Kind::kObjectDeparted
+                                        : Kind::kRegionDeparted,
+              departure.object,
+              departure.page != nullptr ? spm::RegionId{spm::index(departure.page->id())} : departure.region);
   if (lost_at_end() == 0) {
     const CycleResult& result = cycle.result();
     std::uint64_t hash = 0;

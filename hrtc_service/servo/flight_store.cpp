@@ -117,8 +117,15 @@ void FlightStore::Contents::apply(const std::uint64_t* entry) {
   switch (event.kind) {
     case Event::Kind::kObjectArrived:
       objects.resize(std::max<std::size_t>(objects.size(), event.object + 1));
+      pages.resize(objects.size());
       regions.resize(objects.size());
       objects[event.object] = entry_object(entry);
+      break;
+    case Event::Kind::kPageArrived:
+      pages[event.object].push_back(event.region);
+      break;
+    case Event::Kind::kPageDropped:
+      std::erase(pages[event.object], event.region);
       break;
     case Event::Kind::kRegionArrived:
       regions[event.object].insert(event.region);
@@ -128,11 +135,13 @@ void FlightStore::Contents::apply(const std::uint64_t* entry) {
       break;
     case Event::Kind::kObjectDeparted:
       objects[event.object].reset();
+      pages[event.object].clear();
       regions[event.object].clear();
       break;
     case Event::Kind::kStopped:
     case Event::Kind::kReset:
     case Event::Kind::kRegionRetired:
+    case Event::Kind::kPageDeparted:
     case Event::Kind::kObjectWithdrawn:
       break;
   }
@@ -225,6 +234,7 @@ trace::FlightState FlightStore::state_of(const Segment& segment, const Contents&
     object.base_faces = static_cast<std::uint32_t>(*at++);
     object.mesh_hash = *at++;
     const std::set<std::uint32_t>& held = contents.regions[object.object];
+    object.loaded_pages = contents.pages[object.object];
     object.loaded_regions.assign(held.begin(), held.end());
     for (std::uint64_t regions = *at++; regions > 0; --regions, ++at)
       object.in_use.push_back({static_cast<std::uint32_t>(*at), static_cast<std::uint32_t>(*at >> 32) & 0x3fffffffu,

@@ -65,6 +65,7 @@ class FlightStore {
   /// The objects and regions in the haptic thread at one time.
   struct Contents {
     std::vector<std::optional<trace::FlightObject>> objects;  // by index
+    std::vector<std::vector<std::uint32_t>> pages;            // by object index, in the order of their arrival
     std::vector<std::set<std::uint32_t>> regions;             // by object index
     void apply(const std::uint64_t* entry);                   // of an event; ignores other entries
     void apply_entries(const Words& entries);

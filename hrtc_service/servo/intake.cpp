@@ -126,9 +126,15 @@ void Intake::attach_if_requested() {
   attach_answers_.post(answer);
 }
 
-/// Answers which regions of a kept object are loaded. Returns true if no answer is missing.
+/// Answers which pages and regions of a kept object are loaded. Returns true if no answer is missing.
 bool Intake::answer_loaded_regions() {
   while (kept_object_ != spm::kNone && objects_.find(kept_object_) != nullptr) {
+    if (const auto& pages = objects_.pages(kept_object_); next_page_ < pages.size()) {
+      if (answers_.space() == 0) return false;
+      const spm::PageId page = pages[next_page_++]->id();
+      answer(IntakeAnswer::Kind::kPage, kept_object_, spm::RegionId{spm::index(page)}, spm::AcceptResult::kLoaded);
+      continue;
+    }
     const spm::Cache::LoadedAt at = objects_.cache().next_loaded(objects_.cache_index(kept_object_), next_block_);
     if (at.region == spm::kNone) break;
     if (answers_.space() == 0) return false;
@@ -154,6 +160,11 @@ void Intake::answer(IntakeAnswer::Kind kind, std::uint32_t object, spm::RegionId
 void Intake::process_departures() {
   Departure departure;
   while (answers_.space() > 0 && departures_.pop(departure)) {
+    if (departure.page != nullptr) {
+      directory_bytes_[departure.object] -= spm::page_bytes(*departure.page);
+      objects_.free(departure);
+      continue;
+    }
     objects_.free(departure);
     if (departure.is_object()) directory_bytes_[departure.object] = 0;
     answer(departure.is_object() ? IntakeAnswer::Kind::kObjectGone : IntakeAnswer::Kind::kRegionGone, departure.object,
@@ -167,7 +178,7 @@ bool Intake::assemble() {
     IntakeHeader header;
     if (messages_.waiting() < sizeof header) return false;
     (void)messages_.pop(std::as_writable_bytes(std::span{&header, 1}));
-    is_broken_ = header.kind > IntakeKind::kWithdraw || header.object >= kMaxObjects || header.bytes > max_bytes_;
+    is_broken_ = header.kind > IntakeKind::kDropPage || header.object >= kMaxObjects || header.bytes > max_bytes_;
     if (is_broken_) return false;
     header_ = header;
     message_.clear();
@@ -183,15 +194,13 @@ spm::AcceptResult Intake::add_object(IntakeAnswer::Kind& kind) {
   MessageReader in{message_};
   IntakeObject object;
   spm::BaseMesh base;
-  if (!in.get(object)) return spm::AcceptResult::kMalformed;
+  if (!in.get(object) || object.max_pages > spm::kMaxWholePages) return spm::AcceptResult::kMalformed;
   base.summary = object.summary;
-  const std::uint64_t directories_left =
-      max_directory_bytes_ - std::accumulate(directory_bytes_.begin(), directory_bytes_.end(), std::uint64_t{0});
-  const std::uint64_t estimate = spm::directory_bytes(base.summary, objects_.pool().settings);
-  if (!waits_for_gateway_[header_->object] && estimate > directories_left) return spm::AcceptResult::kPoolFull;
+  const std::uint64_t directory = spm::directory_bytes(base.summary, objects_.pool().settings, object.max_pages);
+  if (!waits_for_gateway_[header_->object] && directory > directory_bytes_left()) return spm::AcceptResult::kPoolFull;
   if (!in.get(base.positions, base.summary.base_vertices) || !in.get(base.radii, base.summary.base_vertices) ||
-      !in.get(base.faces, base.summary.base_faces) || !in.get(base.regions, base.summary.regions) || !in.at_end() ||
-      !is_valid(object) || !spm::violations(base).empty())
+      !in.get(base.faces, base.summary.base_faces) || !in.at_end() || !is_valid(object) ||
+      !spm::violations(base).empty())
     return spm::AcceptResult::kMalformed;
   const bool is_movable = object.body.mass > 0;
   if (waits_for_gateway_[header_->object]) {
@@ -201,11 +210,7 @@ spm::AcceptResult Intake::add_object(IntakeAnswer::Kind& kind) {
   }
   if (objects_.is_index_used(header_->object) || (is_movable && movable_ == kMaxBodies))
     return spm::AcceptResult::kMalformed;
-  const std::uint64_t grid = spm::RegionGrid::bytes(std::span<const spm::Region>{base.regions});
-  // The estimate contains two grids: the other one is in the gateway.
-  const std::uint64_t directory = estimate - 2 * spm::RegionGrid::bytes(base.summary.regions) + grid;
-  if (directory > directories_left) return spm::AcceptResult::kPoolFull;
-  pending_ = objects_.add(description_of(header_->object, object), base);
+  pending_ = objects_.add(description_of(header_->object, object), base, object.max_pages);
   if (!pending_) return spm::AcceptResult::kPoolFull;
   movable_ += is_movable ? 1 : 0;
   directory_bytes_[header_->object] = directory;
@@ -223,8 +228,30 @@ bool Intake::keep_object(const ObjectDescription& now) {
   if (kept.body ? !is_same(*kept.body, *now.body) : kept.placement.numbers() != now.placement.numbers()) return false;
   waits_for_gateway_[now.index] = false;
   kept_object_ = now.index;
+  next_page_ = 0;
   next_block_ = {};
   return true;
+}
+
+std::uint64_t Intake::directory_bytes_left() const noexcept {
+  return max_directory_bytes_ - std::accumulate(directory_bytes_.begin(), directory_bytes_.end(), std::uint64_t{0});
+}
+
+spm::AcceptResult Intake::add_page(spm::RegionId& number) {
+  MessageReader in{message_};
+  IntakePage described;
+  if (!in.get(described)) return spm::AcceptResult::kMalformed;
+  number = spm::RegionId{spm::index(described.id)};
+  spm::Page page{described.id, described.first, {}};
+  if (!in.get(page.regions, described.regions) || !in.at_end()) return spm::AcceptResult::kMalformed;
+  const std::uint64_t bytes = spm::page_bytes(page.regions);
+  if (bytes > directory_bytes_left()) return spm::AcceptResult::kPoolFull;
+  Arrival arrival;
+  const spm::AcceptResult result = objects_.add_page(header_->object, page, arrival);
+  if (result != spm::AcceptResult::kAccepted) return result;
+  pending_ = arrival;
+  directory_bytes_[header_->object] += bytes;
+  return result;
 }
 
 spm::AcceptResult Intake::add_region(spm::RegionId& region) {
@@ -255,6 +282,15 @@ void Intake::process_message() {
       kind = IntakeAnswer::Kind::kRegion;
       result = add_region(region);
       break;
+    case IntakeKind::kPage:
+      kind = IntakeAnswer::Kind::kPage;
+      result = add_page(region);
+      break;
+    case IntakeKind::kDropPage: {
+      spm::PageId page{};
+      if (MessageReader in{message_}; in.get(page) && in.at_end()) pending_ = objects_.drop_page(header_->object, page);
+      break;
+    }
     case IntakeKind::kRetire:
       if (MessageReader in{message_}; in.get(region) && in.at_end())
         pending_ = objects_.retire(header_->object, region);

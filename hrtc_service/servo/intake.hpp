@@ -47,6 +47,8 @@ class Intake {
   void answer(IntakeAnswer::Kind kind, std::uint32_t object, spm::RegionId region, spm::AcceptResult result);
   [[nodiscard]] spm::AcceptResult add_object(IntakeAnswer::Kind& kind);
   [[nodiscard]] bool keep_object(const ObjectDescription& description);
+  [[nodiscard]] std::uint64_t directory_bytes_left() const noexcept;
+  [[nodiscard]] spm::AcceptResult add_page(spm::RegionId& number);
   [[nodiscard]] spm::AcceptResult add_region(spm::RegionId& region);
 
   IntakeLink& link_;
@@ -67,7 +69,8 @@ class Intake {
   bool is_broken_ = false;
   std::uint32_t attached_ = 0;                         // newest attach that is answered
   std::array<bool, kMaxObjects> waits_for_gateway_{};  // there before the attach, and not sent by the new gateway yet
-  std::uint32_t kept_object_ = spm::kNone;             // whose regions are being answered
+  std::uint32_t kept_object_ = spm::kNone;             // whose pages and regions are being answered
+  std::size_t next_page_ = 0;                          // its next page to answer
   spm::BlockIndex next_block_{};                       // where the search for its next loaded region begins
 };
 

@@ -13,7 +13,8 @@
 ///     gateway                                             intake
 ///     increments attach_requests    -------------------> drops the rest of the earlier gateway's messages
 ///     receives the list of the servo's objects  <------  answers the attach
-///     kObject with the same id, digest and index  ------> keeps the object, and answers kLoaded for it and its regions
+///     kObject with the same id, digest and index  ------> keeps the object, and answers kLoaded for it, its pages and
+///                                                         its regions
 ///     kWithdraw for the objects that no host offers  ---> removes them
 #pragma once
 
@@ -31,10 +32,12 @@
 namespace tactus::hrtc_service {
 
 enum class IntakeKind : std::uint32_t {
-  kObject,   ///< IntakeObject; then positions, radii, faces and regions of the base mesh
-  kRegion,   ///< IntakeRegion; then list, sent, residuals and parts of a RegionData
-  kRetire,   ///< RegionId
-  kWithdraw  ///< nothing; the last message of an object
+  kObject,    ///< IntakeObject; then positions, radii and faces of the base mesh
+  kRegion,    ///< IntakeRegion; then list, sent, residuals and parts of a RegionData
+  kRetire,    ///< RegionId
+  kWithdraw,  ///< nothing; the last message of an object
+  kPage,      ///< IntakePage; then its regions
+  kDropPage   ///< PageId
 };
 
 struct IntakeHeader {
@@ -51,6 +54,13 @@ struct IntakeObject {
   session::Material material;
   session::Body body;
   spm::ModelSummary summary{};
+  std::uint32_t max_pages = 0;  ///< max number of pages that follow
+};
+
+struct IntakePage {
+  spm::PageId id{};
+  std::uint32_t first = 0;    ///< as in spm::Page
+  std::uint32_t regions = 0;  ///< number
 };
 
 struct IntakeRegion {
@@ -67,14 +77,15 @@ struct IntakeAnswer {
     kRegion,      ///< a region has been loaded or refused
     kOther,       ///< another message has been processed
     kRegionGone,  ///< the haptic thread has returned a retired region, and its memory is free
-    kObjectGone   ///< the haptic thread has returned a withdrawn object, and all its memory is free
+    kObjectGone,  ///< the haptic thread has returned a withdrawn object, and all its memory is free
+    kPage         ///< a page has been loaded or refused
   } kind = Kind::kOther;
   spm::AcceptResult result =
-      spm::AcceptResult::kAccepted;  ///< of kObject and kRegion; kLoaded: the servo has it already
+      spm::AcceptResult::kAccepted;  ///< of kObject, kRegion and kPage; kLoaded: the servo has it already
   std::uint32_t object = 0;          ///< index
-  spm::RegionId region{};
-  std::uint64_t processed = 0;  ///< number of messages that the intake has processed
-  spm::Cache::Space free;       ///< memory of the pool that is free now
+  spm::RegionId region{};            ///< or the number of a page
+  std::uint64_t processed = 0;       ///< number of messages that the intake has processed
+  spm::Cache::Space free;            ///< memory of the pool that is free now
 };
 
 /// An object that the servo has when a gateway attaches.

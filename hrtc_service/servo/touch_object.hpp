@@ -84,26 +84,30 @@ struct NearObjects {
   }
 };
 
-/// A message from the intake to the haptic thread: an object or a region has been loaded, a region is to be retired, or
-/// an object is withdrawn.
+/// A message from the intake to the haptic thread: an object, a page of its directory or a region has been loaded, a
+/// region is to be retired, or an object is withdrawn.
 struct Arrival {
   enum class Kind : std::uint8_t {
     kObject,
     kRegion,
     kRetire,
-    kWithdraw  ///< the last arrival of an object
+    kWithdraw,  ///< the last arrival of an object
+    kPage,
+    kDropPage  ///< the page is to be returned
   } kind = Kind::kObject;
   TouchObject* object = nullptr;
   spm::RegionId region{};
-  spm::RegionList list;  ///< only of kRegion
+  spm::RegionList list{};                 ///< only of kRegion
+  const spm::RegionPage* page = nullptr;  ///< only of kPage and kDropPage
 };
 
-/// A message from the haptic thread to the intake: no record of the region is applied any more, or the haptic thread
-/// has removed a withdrawn object with all its regions.
+/// A message from the haptic thread to the intake: no record of the region is applied any more, the page is no longer
+/// used, or the haptic thread has removed a withdrawn object with all its regions and pages.
 struct Departure {
-  std::uint32_t object = 0;          ///< index
-  spm::RegionId region{spm::kNone};  ///< kNone: the withdrawn object
-  [[nodiscard]] bool is_object() const noexcept { return spm::index(region) == spm::kNone; }
+  std::uint32_t object = 0;               ///< index
+  spm::RegionId region{spm::kNone};       ///< kNone: a page or the withdrawn object
+  const spm::RegionPage* page = nullptr;  ///< null: a region or the withdrawn object
+  [[nodiscard]] bool is_object() const noexcept { return spm::index(region) == spm::kNone && page == nullptr; }
 };
 
 using ArrivalRing = boost::lockfree::spsc_queue<Arrival>;

@@ -5,10 +5,9 @@
 namespace tactus::spm::codec {
 namespace {
 
-constexpr std::uint8_t kBaseVersion = 7;
+constexpr std::uint8_t kBaseVersion = 8;
 constexpr std::size_t kMinVertexBytes = 5;  // in the compact profile
 constexpr std::size_t kMinFaceBytes = 4;
-constexpr std::size_t kMinRegionBytes = 19;
 
 void put(ByteWriter& out, const ModelSummary& s) {
   out.raw(s.digest);
@@ -93,15 +92,6 @@ Bytes encode_base(const Model& model, const RecordTables& tables) {
       corner_before = index(corner);
     }
   }
-  for (const Region& region : model.regions) {
-    for (const std::uint16_t c : region.cell) out.varint(c);
-    out.varint(region.depth);
-    out.raw(region.occupied);
-    out.varint(region.record_count);
-    out.varint(region.part_count - region.record_count);
-    out.varint(region.face_count);
-    out.raw(region.checksum);
-  }
   BitWriter bits;
   tables.write(bits);
   const Bytes table_bytes = bits.take();
@@ -146,26 +136,6 @@ Result<DecodedBase> decode_base(std::span<const std::uint8_t> bytes) {
   }
   if (!in.ok()) return truncated("faces");
 
-  if (in.remaining() / kMinRegionBytes < s.regions) return too_many("regions", s.regions, in.remaining());
-  base.regions.resize(s.regions);
-  for (Region& region : base.regions) {
-    std::array<std::uint32_t, 4> small{};
-    for (std::uint32_t& value : small) value = in.varint32();
-    for (const std::uint32_t value : small) {
-      if (value > 0xffffu)
-        return DecodeError{"base mesh: found cell coordinate or depth " + std::to_string(value) +
-                           ", expected at most 65535"};
-    }
-    for (int axis = 0; axis < 3; ++axis) region.cell[axis] = static_cast<std::uint16_t>(small[axis]);
-    region.depth = static_cast<std::uint16_t>(small[3]);
-    region.occupied = in.raw<std::array<std::uint32_t, 2>>();
-    region.first_interval = region.interval_count = 0;
-    region.record_count = in.varint32();
-    region.part_count = region.record_count + in.varint32();
-    region.face_count = in.varint32();
-    region.checksum = in.raw<std::uint32_t>();
-  }
-  if (!in.ok()) return truncated("regions");
   const std::uint64_t table_bytes = in.varint();
   if (in.remaining() < table_bytes) return truncated("tables");
   BitReader bits{in.remaining_bytes().subspan(0, table_bytes)};

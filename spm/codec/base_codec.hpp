@@ -1,16 +1,15 @@
-/// Encodes and decodes the base mesh message. It has the summary, base vertices, base faces, labelled cells without
-/// their record lists, and the prefix codes of the records.
+/// Encodes and decodes the base mesh message. It has the summary, base vertices, base faces, and the prefix codes of
+/// the records.
 ///
 ///     version | digest | counts | bounds, grid, unit, deviation, position step | positions | radii |
-///     base faces | regions | tables
+///     base faces | tables
 ///
 ///     positions: lossless profile: floats; compact profile: signed differences to the previous vertex, in steps
 ///     face:      2 x (signed difference to the previous face) + (1 if finest), and for each of the three corners the
 ///                signed difference to the previous corner
-///     region:    cell x, y, z, depth, occupied subcells, records, parts minus records, faces, checksum
 ///     tables:    number of bytes, prefix codes
 ///
-/// Counts, differences, cells and depths are varints. All other values are raw, little-endian.
+/// Counts and differences are varints. All other values are raw, little-endian.
 #pragma once
 
 #include <span>
@@ -22,7 +21,7 @@
 
 namespace tactus::spm::codec {
 
-/// Encodes the base mesh of `model`. O(base mesh + regions).
+/// Encodes the base mesh of `model`. O(base mesh).
 [[nodiscard]] Bytes encode_base(const Model& model, const RecordTables& tables);
 
 struct DecodedBase {

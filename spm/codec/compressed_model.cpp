@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "spm/codec/interval_codec.hpp"
+#include "spm/codec/page_codec.hpp"
 #include "spm/codec/record_reader.hpp"
 
 namespace tactus::spm::codec {
@@ -24,6 +25,8 @@ Result<CompressedModel> CompressedModel::open(const ModelSpans& spans) {
   Result<DecodedBase> base = decode_base(spans.base);
   if (!base) return base.error();
   const ModelSummary& s = base->mesh.summary;
+  Result<std::vector<Region>> regions = decode_regions(spans.regions, s);
+  if (!regions) return regions.error();
   const std::size_t blocks = (std::size_t{s.records} + kRecordsPerBlock - 1) / kRecordsPerBlock;
   if (blocks + s.regions > spans.sizes.size()) {
     return DecodeError{"model: found " + std::to_string(spans.sizes.size()) + " bytes of sizes, expected at least " +
@@ -38,6 +41,7 @@ Result<CompressedModel> CompressedModel::open(const ModelSpans& spans) {
                        std::to_string(blocks + s.regions) + " varints"};
   }
   model.base_ = std::move(*base);
+  model.regions_ = std::move(*regions);
   model.spans_ = spans;
   return model;
 }

@@ -2,6 +2,7 @@
 /// without decoding.
 ///
 ///     base         the base mesh message, with the prefix codes (base_codec.hpp)
+///     regions      all regions, without their lists (page_codec.hpp)
 ///     codes        the codes of all records, in order of their numbers (record_codes.hpp)
 ///     lists        for each region, the intervals of its record list
 ///     sizes        number of bits, as a varint, of each block of kRecordsPerBlock records in `codes`, and then of each
@@ -25,14 +26,14 @@
 namespace tactus::spm::codec {
 
 struct ModelSpans {
-  std::span<const std::uint8_t> base, codes, lists, sizes;
+  std::span<const std::uint8_t> base, regions, codes, lists, sizes;
 };
 
 class CompressedModel {
  public:
-  /// Decodes and checks the base mesh, and checks the number of sizes. decode_model() checks codes and lists; this
-  /// function does not. Unchecked codes and lists may be wrong, but no function reads past their end. The spans must
-  /// outlive the result.
+  /// Decodes and checks the base mesh and the regions, and checks the number of sizes. decode_model() checks codes and
+  /// lists; this function does not. Unchecked codes and lists may be wrong, but no function reads past their end. The
+  /// spans must outlive the result.
   static Result<CompressedModel> open(const ModelSpans& spans);
   /// Makes an empty object, to which a model can be assigned.
   CompressedModel() = default;
@@ -46,6 +47,7 @@ class CompressedModel {
 
   [[nodiscard]] const ModelSummary& summary() const noexcept { return base_.mesh.summary; }
   [[nodiscard]] const BaseMesh& base() const noexcept { return base_.mesh; }
+  [[nodiscard]] std::span<const Region> regions() const noexcept { return regions_; }
   [[nodiscard]] const RecordTables& tables() const noexcept { return base_.tables; }
   [[nodiscard]] const ModelSpans& spans() const noexcept { return spans_; }
   /// First bit of each block in `codes`. The last entry is the end of `codes`, in bits.
@@ -71,6 +73,7 @@ class CompressedModel {
   [[nodiscard]] std::string list_damage(RegionId region) const;
 
   DecodedBase base_;
+  std::vector<Region> regions_;
   ModelSpans spans_;
   std::vector<std::uint64_t> block_starts_, list_starts_;
   std::shared_ptr<const BlockChecksums> code_checksums_, list_checksums_;  // null: not checked

@@ -14,6 +14,7 @@ class CompressedSource final : public RegionSource {
   explicit CompressedSource(const CompressedModel& model) : model_{model} {}
 
   [[nodiscard]] const BaseMesh& base() const override { return model_.base(); }
+  [[nodiscard]] std::span<const Region> regions() const override { return model_.regions(); }
   /// Returns the region with all its records. Throws std::runtime_error if it is damaged. About 0.3 us a record;
   /// allocates.
   [[nodiscard]] RegionData region(RegionId region) override;

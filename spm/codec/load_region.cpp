@@ -28,7 +28,7 @@ std::optional<RegionData> region_data(const CompressedModel& model, RegionId reg
 AcceptResult load_region(const CompressedModel& model, RegionId region, Cache& cache, ObjectIndex object,
                          RegionList& list) {
   const std::optional<RegionData> data = region_data(model, region, cache, object);
-  const ListSummary expected = list_summary(model.base().regions[index(region)]);
+  const ListSummary expected = list_summary(model.regions()[index(region)]);
   return data ? cache.accept(object, *data, expected, list) : AcceptResult::kMalformed;
 }
 

@@ -6,6 +6,7 @@
 #include "spm/assert.hpp"
 #include "spm/codec/base_codec.hpp"
 #include "spm/codec/interval_codec.hpp"
+#include "spm/codec/page_codec.hpp"
 #include "spm/codec/record_reader.hpp"
 #include "spm/loaded_front.hpp"
 #include "spm/record_decoder.hpp"
@@ -79,7 +80,8 @@ EncodedModel::EncodedModel(const Model& model) {
   lists_ = lists.take();
   sizes_ = sizes.take();
   base_ = encode_base(model, records.tables);
-  Result<CompressedModel> compressed = CompressedModel::open({base_, codes_, lists_, sizes_});
+  regions_ = encode_regions(model.regions);
+  Result<CompressedModel> compressed = CompressedModel::open({base_, regions_, codes_, lists_, sizes_});
   TACTUS_CHECK(compressed);
   compressed_ = std::move(*compressed);
 }
@@ -94,7 +96,7 @@ Result<OwnedModel> decode_model(const CompressedModel& compressed) {
   }
   model.base_radii = compressed.base().radii;
   model.base_faces = compressed.base().faces;
-  model.regions = compressed.base().regions;
+  model.regions.assign(compressed.regions().begin(), compressed.regions().end());
   model.positions = compressed.base().positions;
   model.positions.resize(s.vertices);
   model.parts.resize(s.records);

@@ -18,7 +18,7 @@ class EncodedModel {
   [[nodiscard]] const CompressedModel& compressed() const noexcept { return compressed_; }
 
  private:
-  Bytes base_, codes_, lists_, sizes_;
+  Bytes base_, regions_, codes_, lists_, sizes_;
   CompressedModel compressed_;
 };
 

@@ -26,9 +26,9 @@ static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the file has the bytes
 constexpr std::array<char, 8> kMagic{'t', 'a', 'c', 't', 'S', 'P', 'M', '\n'};
 constexpr std::size_t kAlignment = 64;
 
-enum class SectionKind : std::uint32_t { kBase = 1, kCodes, kLists, kSizes, kStatistics, kChecksums };
-constexpr std::uint32_t kSections = 6;
-constexpr std::array<const char*, kSections> kSectionNames{"base mesh", "codes",      "lists",
+enum class SectionKind : std::uint32_t { kBase = 1, kRegions, kCodes, kLists, kSizes, kStatistics, kChecksums };
+constexpr std::uint32_t kSections = 7;
+constexpr std::array<const char*, kSections> kSectionNames{"base mesh", "regions",    "codes",    "lists",
                                                            "sizes",     "statistics", "checksums"};
 
 struct Header {
@@ -148,18 +148,21 @@ codec::Bytes block_checksums(const codec::ModelSpans& bytes) {
 }  // namespace
 
 void write_model(const std::filesystem::path& path, const Model& model, const Provenance& provenance) {
-  if (const std::vector<std::string> broken = violations(base_mesh_of(model)); !broken.empty())
-    fail(path, "cannot be written: " + broken.front());
+  std::vector<std::string> broken = violations(base_mesh_of(model));
+  if (broken.empty()) broken = violations(model.summary, model.regions);
+  if (!broken.empty()) fail(path, "cannot be written: " + broken.front());
   const std::string statistics = to_json(provenance);
   const codec::EncodedModel encoded{model};
   const codec::ModelSpans& bytes = encoded.compressed().spans();
   const codec::Bytes checksums = block_checksums(bytes);
-  const std::array<std::pair<const void*, std::size_t>, kSections> contents{{{bytes.base.data(), bytes.base.size()},
-                                                                             {bytes.codes.data(), bytes.codes.size()},
-                                                                             {bytes.lists.data(), bytes.lists.size()},
-                                                                             {bytes.sizes.data(), bytes.sizes.size()},
-                                                                             {statistics.data(), statistics.size()},
-                                                                             {checksums.data(), checksums.size()}}};
+  const std::array<std::pair<const void*, std::size_t>, kSections> contents{
+      {{bytes.base.data(), bytes.base.size()},
+       {bytes.regions.data(), bytes.regions.size()},
+       {bytes.codes.data(), bytes.codes.size()},
+       {bytes.lists.data(), bytes.lists.size()},
+       {bytes.sizes.data(), bytes.sizes.size()},
+       {statistics.data(), statistics.size()},
+       {checksums.data(), checksums.size()}}};
 
   Table table{};
   std::size_t end = sizeof(Header) + sizeof(Table);
@@ -237,8 +240,9 @@ MappedModel::MappedModel(const std::filesystem::path& path) : path_{path} {
   mapping_ = std::move(mapping);
 
   const auto section = [this](SectionKind kind) { return mapping_->section(kind); };
-  auto compressed = codec::CompressedModel::open({section(SectionKind::kBase), section(SectionKind::kCodes),
-                                                  section(SectionKind::kLists), section(SectionKind::kSizes)});
+  auto compressed = codec::CompressedModel::open({section(SectionKind::kBase), section(SectionKind::kRegions),
+                                                  section(SectionKind::kCodes), section(SectionKind::kLists),
+                                                  section(SectionKind::kSizes)});
   if (!compressed) fail(path, compressed.error().text);
   compressed_ = std::move(*compressed);
   set_checksums();

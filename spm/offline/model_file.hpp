@@ -4,7 +4,7 @@
 ///   header     64 bytes             magic "tactSPM\n", version, number of sections, file size, XXH3-64 of header
 ///                                   (with checksum 0) and table, 32 zero bytes
 ///   table      32 bytes a section   kind, 0, offset, size in bytes, XXH3-64 of the section
-///   sections   each at an offset    base mesh, codes, lists and sizes (codec/compressed_model.hpp),
+///   sections   each at an offset    base mesh, regions, codes, lists and sizes (codec/compressed_model.hpp),
 ///              divisible by 64      statistics (JSON), checksums of the blocks of codes and lists
 ///                                   (codec/block_checksums.hpp)
 #pragma once
@@ -21,7 +21,7 @@
 
 namespace tactus::spm::offline {
 
-inline constexpr std::uint32_t kModelFileVersion = 8;
+inline constexpr std::uint32_t kModelFileVersion = 9;
 
 /// The source of a model, and the vertices and faces dropped by its build. The digest does not cover it.
 struct Provenance {

@@ -222,8 +222,8 @@ TEST_F(ModelFormat, TheReaderRefusesADamagedFile) {
   };
   cases.emplace_back(flipped(8), "found file version");
   cases.emplace_back(flipped(70), "the header has a wrong checksum");
-  cases.emplace_back(flipped(300), "section 1 has a wrong checksum");
-  cases.emplace_back(flipped(good.size() - 1), "section 6 has a wrong checksum");
+  cases.emplace_back(flipped(330), "section 1 has a wrong checksum");
+  cases.emplace_back(flipped(good.size() - 1), "section 7 has a wrong checksum");
   for (const auto& [bytes, message] : cases) {
     write_bytes(path("bad.spm"), bytes);
     Process python{reader("spm_reader.py", {path("bad.spm")})};

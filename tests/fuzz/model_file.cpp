@@ -14,7 +14,7 @@
 namespace {
 
 // Layout of header and table (spm/offline/model_file.hpp).
-constexpr std::size_t kSectionsWithBlocks[] = {1, 2}, kBlockChecksums = 5;
+constexpr std::size_t kSectionsWithBlocks[] = {2, 3}, kBlockChecksums = 6;
 constexpr std::size_t kHeader = 64, kEntry = 32, kSectionsAt = 12, kFileSizeAt = 16, kChecksumAt = 24, kOffsetAt = 8,
                       kSizeAt = 16, kEntryChecksumAt = 24;
 

@@ -14,6 +14,7 @@
 #include "keys/identity.hpp"
 #include "spm/codec/base_codec.hpp"
 #include "spm/codec/model_codec.hpp"
+#include "spm/codec/page_codec.hpp"
 #include "spm/codec/region_codec.hpp"
 #include "spm/offline/model_file.hpp"
 #include "tests/support/random_model.hpp"
@@ -55,6 +56,8 @@ void add_models(Seeds& seeds) {
   const spm::codec::EncodedModel encoded{owned.model()};
   const spm::codec::CompressedModel& model = encoded.compressed();
   seeds.add("base", model.spans().base);
+  seeds.add("directory", spm::codec::encode_page(spm::page_with_id(model.regions(), spm::page_of(model.regions()[0]))));
+  seeds.add("directory", spm::codec::encode_pages(model.regions()));
   for (std::uint32_t region = 0; region < model.summary().regions && region < 5; ++region) {
     const std::vector<spm::Interval> list = model.intervals_of(spm::RegionId{region});
     seeds.add("region", *spm::codec::encode_region(model, spm::RegionId{region}, list));

@@ -314,7 +314,7 @@ TEST_P(FlightDamage, AReplayDetectsImpossibleEvents) {
   for (const Kind first : {Kind::kObjectArrived, Kind::kRegionArrived, Kind::kRegionRetired, Kind::kRegionDeparted,
                            Kind::kObjectWithdrawn, Kind::kObjectDeparted})
     for (const Kind second :
-         {Kind::kRegionArrived, Kind::kRegionRetired, Kind::kReset, Kind::kObjectWithdrawn, static_cast<Kind>(8)})
+         {Kind::kRegionArrived, Kind::kRegionRetired, Kind::kReset, Kind::kObjectWithdrawn, static_cast<Kind>(11)})
       for (const std::uint32_t object : {0u, 1u, 63u, ~0u}) {
         if (GetParam() && object != 0) continue;
         for (const std::uint32_t region : {0u, 1u, regions / 2, regions - 1, regions, ~0u}) {

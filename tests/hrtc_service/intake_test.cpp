@@ -59,13 +59,14 @@ class IntakeTest : public testing::Test {
     IntakeObject object;
     object.id = 7;
     object.name = {'b', 'a', 'l', 'l'};
+    object.max_pages = 64;
     return object;
   }
   [[nodiscard]] spm::RegionData region(std::uint32_t number) const {
     return *spm::codec::region_data(model(), RegionId{number}, spm::Cache{empty_pool()}, spm::ObjectIndex{0});
   }
   void add_region(std::uint32_t object, const spm::RegionData& data) {
-    sender_->add_region(object, data, spm::list_summary(model().base().regions[index(data.region)]));
+    sender_->add_region(object, data, spm::list_summary(model().regions()[index(data.region)]));
   }
   [[nodiscard]] static spm::Pool& empty_pool() {
     static spm::Pool pool{spm::PoolSettings::for_slots(16)};
@@ -221,7 +222,7 @@ TEST_F(IntakeTest, ARecordWhoseParentDoesNotExistIsRefused) {
 }
 
 TEST_F(IntakeTest, ObjectsWhoseDirectoriesDoNotFitAreRefused) {
-  const std::uint64_t one = spm::directory_bytes(model().summary(), pool_);
+  const std::uint64_t one = spm::directory_bytes(model().summary(), pool_, object().max_pages);
   Intake small{pool_, link_->intake, one + one / 2};
   sender_->add_object(0, object(), model().base());
   sender_->add_object(1, object(), model().base());

@@ -450,7 +450,7 @@ TEST_F(OrganSession, AnObjectWhoseDirectoryDoesNotFitIsRefusedAndOthersAreLoaded
   const spm::Model small = small_built.model();
   const spm::PoolSettings pool = spm::PoolSettings::for_slots(1 << 14);
   hrtc_service::LoaderSettings settings;
-  settings.directory_bytes = spm::directory_bytes(model.summary, pool) + 100;
+  settings.directory_bytes = spm::directory_bytes(model.summary, pool, model.regions) + 100;
   LocalSession session{{model, small}, 1, pool, 2, settings};
   for (int cycle = 0; cycle < 200; ++cycle) session.step(Vec3d{1, 1, 1}, Vec3d::Zero());
 

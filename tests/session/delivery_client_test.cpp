@@ -652,6 +652,39 @@ TEST_F(DeliveryClientTest, AHostWithIncarnationZeroReplacesTheHostOfAnOpenObject
   }
 }
 
+TEST_F(DeliveryClientTest, APageIsRequestedUntilItIsStored) {
+  constexpr std::uint32_t kPage = kFirstPage + 7;
+  client_.set_wanted(kObject, {{kPage, 0}, {3, 10}});
+  const auto wants_page = [](const Demand& demand) {
+    return std::any_of(demand.wanted.begin(), demand.wanted.end(),
+                       [](const Wanted& wanted) { return wanted.region == kPage; });
+  };
+  EXPECT_TRUE(wants_page(publish()));
+  auto message = receive(chunks(kPage, "page", 2));
+  ASSERT_TRUE(message);
+  EXPECT_EQ(message->kind, BulkKind::kRegion);
+  EXPECT_EQ(message->region, kPage);
+  client_.answer_refused(kObject, kPage);
+  EXPECT_TRUE(wants_page(publish()));
+  ASSERT_TRUE(receive(chunks(kPage, "page", 1)));
+  client_.answer_page_stored(kObject, kPage);
+  const Demand demand = publish();
+  EXPECT_FALSE(wants_page(demand));
+  EXPECT_THAT(demand.have, testing::IsEmpty()) << "a page is no region";
+  const std::uint64_t stale = client_.counters().stale;
+  EXPECT_FALSE(receive(chunks(kPage, "page", 1)));
+  EXPECT_EQ(client_.counters().stale, stale + 1);
+}
+
+TEST_F(DeliveryClientTest, APieceOfANumberThatIsNeitherARegionNorAPageIsForeign) {
+  publish();
+  for (const std::uint32_t number : {kRegions, kFirstPage - 1, kFirstPage + spm::kPageIds}) {
+    const std::uint64_t foreign = client_.counters().foreign;
+    EXPECT_FALSE(receive(chunks(number, "x", 1)));
+    EXPECT_EQ(client_.counters().foreign, foreign + 1) << number;
+  }
+}
+
 TEST_F(DeliveryClientTest, AHostThatDoesNotOfferTheObjectCannotSendItsBaseMesh) {
   DeliveryClient client{kReceiver, DeliverySettings{}};
   client.on_catalogue(catalogue_entry(kHost));

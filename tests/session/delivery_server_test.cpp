@@ -10,6 +10,7 @@
 
 #include "session/delivery_client.hpp"
 #include "spm/codec/model_codec.hpp"
+#include "spm/codec/page_codec.hpp"
 #include "spm/codec/region_codec.hpp"
 #include "tests/support/constants.hpp"
 #include "tests/support/damaged_model.hpp"
@@ -506,6 +507,72 @@ TEST_F(DeliveryServerTest, SendsTheBaseMeshFirstAndAgainWhenItWasRefused) {
 
   submit(make_demand(2, {3}));
   EXPECT_EQ(regions_in(drain()).size(), 1u);
+}
+
+/// The number of the page that contains a region.
+std::uint32_t page_with(const spm::Model& model, std::uint32_t region) {
+  return number_of(spm::page_of(model.regions[region]));
+}
+
+TEST_F(DeliveryServerTest, SendsWantedPagesAfterTheBaseMeshAndRegionsWhenTheHrtcHasIt) {
+  const std::uint32_t page = page_with(model_, 3);
+  Demand demand = make_demand(1, {3, page});
+  demand.need_base = true;
+  submit(demand);
+  const std::vector<BulkChunk> sent = drain();
+  ASSERT_GE(sent.size(), 2u);
+  for (std::size_t i = 0; i + 1 < sent.size(); ++i) EXPECT_EQ(sent[i].kind(), BulkKind::kBase);
+  const std::vector<BulkPiece> pieces = pieces_in({sent.back()});
+  ASSERT_EQ(pieces.size(), 1u) << "no region before the base mesh has come";
+  EXPECT_EQ(pieces[0].region, page);
+  const auto decoded = spm::codec::decode_page(pieces[0].payload, model_.summary);
+  ASSERT_TRUE(decoded) << decoded.error().text;
+  EXPECT_EQ(number_of(decoded->id), page);
+  EXPECT_EQ(server_.counters().pages, 1u);
+
+  submit(make_demand(2, {3}));
+  EXPECT_EQ(regions_in(drain()).size(), 1u);
+}
+
+TEST_F(DeliveryServerTest, APageIsSentAgainIfItIsLostOrStillWantedAfterItWasProcessed) {
+  const std::uint32_t page = page_with(model_, 0);
+  submit(make_demand(1, {page}));
+  std::vector<BulkChunk> sent = drain_window();
+  ASSERT_EQ(pieces_in(sent).size(), 1u);
+  Demand lost = make_demand(2, {page});
+  lost.newest = sent[0].sequence;
+  lost.gaps = {{sent[0].sequence, 1}};
+  submit(lost);
+  sent = drain_window();
+  ASSERT_EQ(pieces_in(sent).size(), 1u) << "repeated";
+  Demand refused = make_demand(3, {page});
+  refused.received = refused.newest = sent.back().sequence;
+  submit(refused);
+  sent = drain_window();
+  ASSERT_EQ(pieces_in(sent).size(), 1u) << "planned anew";
+  Demand stored = make_demand(4, {});
+  stored.received = stored.newest = sent.back().sequence;
+  submit(stored);
+  EXPECT_TRUE(pieces_in(drain_window()).empty());
+}
+
+TEST_F(DeliveryServerTest, SendsAllPagesInOneMessage) {
+  submit(make_demand(1, {kAllPages}));
+  std::vector<std::uint8_t> bytes;
+  for (const BulkPiece& piece : pieces_in(drain())) {
+    EXPECT_EQ(piece.region, kAllPages);
+    bytes.insert(bytes.end(), piece.payload.begin(), piece.payload.end());
+  }
+  const auto pages = spm::codec::decode_pages(bytes, model_.summary);
+  ASSERT_TRUE(pages) << pages.error().text;
+  std::size_t regions = 0;
+  for (const spm::Page& page : *pages) regions += page.regions.size();
+  EXPECT_EQ(regions, model_.summary.regions);
+}
+
+TEST_F(DeliveryServerTest, ANumberThatIsNeitherARegionNorAPageIsMalformed) {
+  for (const std::uint32_t number : {model_.summary.regions, kFirstPage - 1, kFirstPage + spm::kPageIds, 0xffffffffu})
+    EXPECT_EQ(submit(make_demand(1, {number})), DeliveryServer::DemandResult::kMalformed) << number;
 }
 
 TEST_F(DeliveryServerTest, SendsNothingWhileAnotherHostServes) {

@@ -6,9 +6,10 @@
 
 #include <algorithm>
 #include <limits>
+#include <memory>
 #include <numeric>
 #include <random>
-#include <set>
+#include <utility>
 #include <vector>
 
 #include "tests/support/cells.hpp"
@@ -157,19 +158,158 @@ TEST(RegionGrid, AQueryTestsALimitedNumberOfRegions) {
   EXPECT_GT(visited, 1u);
 }
 
-TEST(RegionGrid, StatesItsBytes) {
-  std::mt19937_64 random{7};
-  const Grid grid = random_grid(random);
-  // The page of the divided cell stores the ends of its cells.
-  std::set<std::array<int, 3>> cells;
-  for (const Region& region : grid.regions) {
-    const std::array<int, 3> at{region.cell[0] >> region.depth, region.cell[1] >> region.depth,
-                                region.cell[2] >> region.depth};
-    if (at[0] < 8 && at[1] >= 8 && at[2] < 8) cells.insert(at);
+/// All pages with these regions.
+std::vector<std::unique_ptr<const RegionPage>> pages_of(std::span<const Region> regions) {
+  std::vector<std::unique_ptr<const RegionPage>> pages;
+  for (std::uint32_t first = 0; first < regions.size();) {
+    const std::span<const Region> left = regions.subspan(first);
+    const std::size_t count = RegionPage::leading(left);
+    pages.push_back(std::make_unique<const RegionPage>(page_of(left[0]), first, left.first(count)));
+    first += static_cast<std::uint32_t>(count);
   }
-  constexpr std::uint64_t kPages = 8, kBuckets = 16;
-  EXPECT_EQ(RegionGrid::bytes(std::span<const Region>{grid.regions}),
-            16 * grid.regions.size() + 96 * kPages + 4 * kBuckets + 4 * cells.size());
+  return pages;
+}
+
+ModelSummary summary_of(const Grid& grid) {
+  ModelSummary summary{};
+  summary.grid = grid.frame;
+  summary.regions = static_cast<std::uint32_t>(grid.regions.size());
+  summary.bounds_min = {-2.5F, 0.5F, -1};
+  summary.bounds_max = {1.5F, 4.5F, 3};
+  return summary;
+}
+
+TEST(RegionGrid, AGridOfAllPagesFindsTheSameInEveryOrderOfInsertion) {
+  std::mt19937_64 random{9};
+  std::uniform_real_distribution<double> unit{0, 1};
+  const Grid grid = random_grid(random);
+  const RegionGrid whole{grid.frame, grid.regions};
+  auto pages = pages_of(grid.regions);
+  for (int round = 0; round < 20; ++round) {
+    std::shuffle(pages.begin(), pages.end(), random);
+    RegionGrid inserted{summary_of(grid), static_cast<std::uint32_t>(pages.size())};
+    for (const auto& page : pages) {
+      ASSERT_TRUE(inserted.can_insert(*page));
+      inserted.insert(*page);
+      EXPECT_FALSE(inserted.can_insert(*page)) << "a second time";
+    }
+    for (int query = 0; query < 50; ++query) {
+      const Vec3d centre = Vec3d{-1.2, 1.8, 0.3} + 1.4 * Vec3d{unit(random), unit(random), unit(random)};
+      const double radius = 0.4 * unit(random);
+      std::vector<std::pair<std::uint32_t, double>> expected, found;
+      ASSERT_TRUE(whole.for_each_intersecting(
+          centre, radius, [&](RegionId region, double squared) { expected.emplace_back(index(region), squared); }));
+      ASSERT_TRUE(inserted.for_each_intersecting(
+          centre, radius, [&](RegionId region, double squared) { found.emplace_back(index(region), squared); }));
+      EXPECT_EQ(found, expected);
+    }
+  }
+}
+
+TEST(RegionGrid, StatesWhetherAPageThatASphereMeetsIsMissing) {
+  std::mt19937_64 random{10};
+  const Grid grid = random_grid(random);
+  const auto pages = pages_of(grid.regions);
+  RegionGrid partial{summary_of(grid), static_cast<std::uint32_t>(pages.size())};
+  const auto missing_at = [&](const Vec3d& centre, double radius) {
+    std::vector<PageId> missing;
+    partial.for_each_page(centre, radius, [&](PageId page, const RegionPage* here) {
+      if (here == nullptr) missing.push_back(page);
+    });
+    return missing;
+  };
+  const Vec3d corner = Vec3d{-2.5, 0.5, -1} + 8 * 0.25 * Vec3d::Ones();  // of all eight pages
+  EXPECT_FALSE(partial.has_pages(corner, 0.1));
+  EXPECT_EQ(missing_at(corner, 0.1).size(), 8u);
+  for (std::size_t i = 0; i < pages.size(); ++i) {
+    EXPECT_FALSE(partial.has(RegionId{pages[i]->first_region()}));
+    partial.insert(*pages[i]);
+    EXPECT_TRUE(partial.has(RegionId{pages[i]->first_region()}));
+    EXPECT_EQ(missing_at(corner, 0.1).size(), pages.size() - i - 1);
+    EXPECT_EQ(partial.has_pages(corner, 0.1), i + 1 == pages.size());
+    const Vec3d inside =
+        (partial.box(RegionId{pages[i]->first_region()}).low + partial.box(RegionId{pages[i]->first_region()}).high) /
+        2;
+    EXPECT_TRUE(partial.has_pages(inside, 0.01)) << "it meets this page only";
+  }
+}
+
+TEST(RegionGrid, APageWithoutRegionsIsKnownToBeEmpty) {
+  Grid grid;
+  Region region{};
+  region.occupied = {1, 0};
+  region.cell = {12, 2, 2};
+  grid.regions.push_back(region);
+  RegionGrid partial{summary_of(grid), 2};
+  const Vec3d beside{-2.4, 0.6, -0.9};
+  EXPECT_FALSE(partial.has_pages(beside, 0.01));
+  const RegionPage empty{page_at(0, 0, 0), 0, {}};
+  ASSERT_TRUE(partial.can_insert(empty));
+  partial.insert(empty);
+  EXPECT_TRUE(partial.has_pages(beside, 0.01));
+  EXPECT_FALSE(partial.has(RegionId{0}));
+  const RegionPage page{page_of(region), 0, grid.regions};
+  ASSERT_TRUE(partial.can_insert(page));
+  partial.insert(page);
+  EXPECT_TRUE(partial.has(RegionId{0}));
+}
+
+TEST(RegionGrid, APageThatContradictsAnotherOneIsRefused) {
+  std::mt19937_64 random{11};
+  const Grid grid = random_grid(random);
+  const auto pages = pages_of(grid.regions);
+  RegionGrid partial{summary_of(grid), static_cast<std::uint32_t>(pages.size())};
+  partial.insert(*pages[1]);
+  const auto page = [&](PageId id, std::uint32_t first) {
+    return RegionPage{id, first, std::span<const Region>{grid.regions}.first(1)};
+  };
+  EXPECT_FALSE(partial.can_insert(page(pages[0]->id(), pages[1]->first_region()))) << "a region of a later page";
+  EXPECT_FALSE(partial.can_insert(page(pages[2]->id(), pages[1]->end_region() - 1))) << "a region of an earlier page";
+  EXPECT_FALSE(partial.can_insert(page(pages[7]->id(), static_cast<std::uint32_t>(grid.regions.size()))));
+  EXPECT_TRUE(partial.can_insert(*pages[0]));
+  EXPECT_TRUE(partial.can_insert(*pages[2]));
+}
+
+TEST(RegionGrid, FindsTheOtherPagesAfterSomeAreRemoved) {
+  std::mt19937_64 random{13};
+  std::vector<Region> regions;
+  for (std::uint16_t x = 0; x < 128; ++x)
+    for (std::uint16_t y = 0; y < 128; y = static_cast<std::uint16_t>(y + 8)) {
+      Region region{};
+      region.cell = {x, y, 0};
+      region.occupied = {1, 0};
+      regions.push_back(region);
+    }
+  test_support::sort_cells(regions);
+  Grid grid;
+  grid.regions = regions;
+  const auto pages = pages_of(regions);
+  ASSERT_EQ(pages.size(), 256u);
+  RegionGrid partial{summary_of(grid), 256};
+  std::vector<bool> inside(pages.size(), false);
+  for (int step = 0; step < 20'000; ++step) {
+    const std::size_t i = random() % pages.size();
+    inside[i] = !inside[i];
+    if (inside[i]) {
+      ASSERT_TRUE(partial.can_insert(*pages[i])) << step;
+      partial.insert(*pages[i]);
+    } else {
+      partial.remove(*pages[i]);
+    }
+    const std::size_t other = random() % pages.size();
+    ASSERT_EQ(partial.find(pages[other]->id()), inside[other] ? pages[other].get() : nullptr) << step;
+    ASSERT_EQ(partial.has(RegionId{pages[other]->first_region()}), inside[other]) << step;
+  }
+}
+
+TEST(RegionGrid, HasNoRoomForMorePagesThanItsMaximum) {
+  std::mt19937_64 random{12};
+  const Grid grid = random_grid(random);
+  const auto pages = pages_of(grid.regions);
+  RegionGrid partial{summary_of(grid), 2};
+  partial.insert(*pages[3]);
+  partial.insert(*pages[5]);
+  EXPECT_FALSE(partial.can_insert(*pages[4]));
 }
 
 TEST(RegionGrid, RefusesASphereWithANaNOrANegativeRadius) {

@@ -301,7 +301,7 @@ TEST_P(RunTime, FacesWithIdsInTheWholeRangeAreLoadedRefinedAndTouchedLikeOthers)
   for (int i = 0; i < 2; ++i) {
     spm::Cache::Admitted admitted = cache.admit(base);
     ASSERT_TRUE(admitted.fits);
-    spm::RegionGrid grid{base.summary.grid, std::span<const spm::Region>{base.regions}};
+    spm::RegionGrid grid{model_.summary.grid, model_.regions};
     objects.emplace_back(admitted.object, std::make_unique<spm::Forest>(pool, nodes, admitted.object, base.summary,
                                                                         std::move(grid), std::move(admitted.base)));
     ASSERT_EQ(objects.back().second->tree().height(), 10u);
@@ -417,7 +417,7 @@ TEST(CacheCounts, AListIsStillCheckedAfter255OtherLists) {
   const OwnedModel owned = random_model(1, kRecords, kCells);
   const spm::Model model = owned.model();
   const std::vector<std::uint32_t> checksums = spm::record_checksums(model);
-  spm::BaseMesh base = spm::base_mesh_of(model);
+  const spm::BaseMesh base = spm::base_mesh_of(model);
   // The false list has only the last record of a region's list, whose parent is added by another record.
   RegionId region{0};
   spm::RecordId last{};
@@ -430,17 +430,17 @@ TEST(CacheCounts, AListIsStillCheckedAfter255OtherLists) {
     last = end;
   }
   ASSERT_NE(index(last), 0u);
-  spm::Region false_region = base.regions[index(region)];
+  spm::Region false_region = model.regions[index(region)];
   false_region.record_count = false_region.part_count = 1;
   false_region.checksum = checksums[index(last)];
   spm::RegionData data = HrtcModel{model, large_pool()}.message(region);
   data.region = RegionId{0};
-  base.regions = {base.regions[index(region)], false_region};
   spm::Pool pool{large_pool()};
   spm::Cache cache{pool};
   const spm::Cache::Admitted admitted = cache.admit(base);
   spm::RegionList list;
-  ASSERT_EQ(cache.accept(admitted.object, data, list_summary(base.regions[0]), list), AcceptResult::kAccepted);
+  ASSERT_EQ(cache.accept(admitted.object, data, list_summary(model.regions[index(region)]), list),
+            AcceptResult::kAccepted);
 
   spm::RegionData false_data;
   false_data.region = RegionId{1};
@@ -781,7 +781,7 @@ TEST_P(RunTime, TwoForestsInOnePoolHaveSeparateMeshes) {
     spm::Cache::Admitted admitted = cache.admit(base);
     EXPECT_TRUE(admitted.fits);
     return std::make_unique<spm::Forest>(pool, nodes, admitted.object, base.summary,
-                                         spm::RegionGrid{base.summary.grid, std::span<const spm::Region>{base.regions}},
+                                         spm::RegionGrid{model_.summary.grid, model_.regions},
                                          std::move(admitted.base));
   };
   const std::unique_ptr<spm::Forest> first = make_forest(), second = make_forest();

@@ -25,7 +25,7 @@ class HrtcModel {
     object_ = admitted.object;
     forest_ = std::make_unique<spm::Forest>(
         pool_, nodes_, object_, base.summary,
-        spm::RegionGrid{base.summary.grid, std::span<const spm::Region>{base.regions}}, std::move(admitted.base));
+        spm::RegionGrid{model.summary.grid, model.regions}, std::move(admitted.base));
   }
 
   /// Returns the message that a host sends for `region`: its closed list, and the listed records that are not loaded.

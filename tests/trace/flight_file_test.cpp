@@ -29,7 +29,7 @@ std::vector<FlightMessage> messages_of_all_types() {
   FlightState state;
   state.cycle = 99;
   state.lost = 5;
-  state.objects = {{3, 20, 1ull << 63, {1, 2, 3}, {{2, 40, true}, {1, 0, false}}}, {4, 0, 0, {}, {}}};
+  state.objects = {{3, 20, 1ull << 63, {5}, {1, 2, 3}, {{2, 40, true}, {1, 0, false}}}, {4, 0, 0, {}, {}, {}}};
   state.carried = {0, 255, 7};
   FlightProbe probe;
   probe.cycle = 100;
@@ -125,8 +125,9 @@ TEST_F(FlightFile, MatchesItsIdl) {
   EXPECT_EQ(values["flight_state carried"], "[0,255,7]");
   EXPECT_THAT(
       values["flight_state objects"],
-      testing::StartsWith(R"([{"object":3,"base_faces":20,"mesh_hash":9223372036854775808,"loaded_regions":[1,2,3],)"
-                          R"("in_use":[{"region":2,"applied":40,"retiring":true,"retained":false},)"));
+      testing::StartsWith(
+          R"([{"object":3,"base_faces":20,"mesh_hash":9223372036854775808,"loaded_pages":[5],"loaded_regions":[1,2,3],)"
+          R"("in_use":[{"region":2,"applied":40,"retiring":true,"retained":false},)"));
   EXPECT_EQ(values["flight_event kind"], "kRegionRetired");
   EXPECT_EQ(values["flight_move placement.1"], "2");
   EXPECT_EQ(values["flight_probe force.0"], "0.3333333333333333");

@@ -281,9 +281,23 @@ TEST(Violations, ReportsTheViolationsOfABaseMesh) {
   damaged = valid;
   damaged.positions.pop_back();
   EXPECT_THAT(violations(damaged), Contains(HasSubstr("base positions")));
+}
+
+TEST(Violations, ReportsTheViolationsOfAPage) {
+  const BuiltModel model = valid_model();
+  const Page valid = page_with_id(model.model().regions, page_of(model.regions[0]));
+  ASSERT_THAT(violations(model.summary, valid), IsEmpty());
+  Page damaged = valid;
+  damaged.regions[0].record_count = model.summary.records + 1;
+  EXPECT_THAT(violations(model.summary, damaged), Contains(HasSubstr("region 0")));
   damaged = valid;
-  damaged.regions[0].record_count = damaged.summary.records + 1;
-  EXPECT_THAT(violations(damaged), Contains(HasSubstr("region 0")));
+  damaged.first = model.summary.regions;
+  EXPECT_THAT(violations(model.summary, damaged), Contains(HasSubstr("found regions")));
+  damaged = valid;
+  damaged.id = PageId{index(valid.id) + 1};
+  EXPECT_THAT(violations(model.summary, damaged), Contains(HasSubstr("contains a cell of page")));
+  damaged.id = PageId{kPageIds};
+  EXPECT_THAT(violations(model.summary, damaged), Contains(HasSubstr("found number")));
 }
 
 // The lists of 30,000 regions with all records are 30,000 intervals: their bytes are few, but their check is not.
@@ -314,7 +328,7 @@ TEST(Violations, LimitTheTotalLengthOfAllLists) {
   model.summary.regions = static_cast<std::uint32_t>(model.regions.size());
 
   EXPECT_THAT(violations(model.model()), Contains(HasSubstr("parts in all lists together")));
-  EXPECT_THAT(violations(base_mesh_of(model.model())), Contains(HasSubstr("parts in all lists together")));
+  EXPECT_THAT(violations(model.summary, model.regions), Contains(HasSubstr("parts in all lists together")));
 }
 
 /// A face whose corner moves with each record to a new vertex, so that each vertex has all earlier ones as ancestors.
