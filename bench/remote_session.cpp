@@ -54,7 +54,7 @@ void RemoteSession::run_link(std::int64_t until_ns) {
     while (!chunks_.empty() && chunks_.front().due_ns <= now_ns_) {
       const session::BulkChunk& chunk = chunks_.front().chunk;
       for (const session::BulkPiece& piece : chunk.pieces) {
-        if (piece.region == spm::kNone) continue;
+        if (piece.region >= session::kFirstPage) continue;  // base mesh, or a part of the directory
         std::uint64_t& untouched_bytes = untouched_bytes_[piece.region];
         if (piece.index == 0) {
           traffic_.unused_bytes += untouched_bytes;
