@@ -21,19 +21,23 @@
 /// echo of the host arrives before the data that it sends on that credit. So the loader never evicts a region that the
 /// host counts as present.
 ///
+/// The loader requests the pages of the directory that probes come near (loader_pages.cpp), and sends them to the
+/// intake. It drops the pages that have been unused for longest when the memory for directories is full.
+///
 /// The base mesh of a new object reserves its slots at once. If regions occupy these slots, the base mesh waits until
 /// the haptic thread has coarsened them. It is refused only if it does not fit besides the other base meshes.
 ///
 /// If an earlier gateway has used the link, the servo still has its objects and regions. The loader keeps an object
-/// when a host offers it again. The intake then answers which of its regions are loaded, and their data are not in the
-/// store. The loader withdraws the objects that no host has offered for `kept_patience_ns`.
+/// when a host offers it again. The intake then answers which of its pages and regions are loaded. The loader requests
+/// the pages again; the data of the regions are not in the store. It withdraws the objects that no host has offered for
+/// `kept_patience_ns`.
 ///
 /// An object is withdrawn when its last host withdraws it or sends a leave message. Predictions, demands and the store
 /// then omit it at once. Its memory in the pool is freed when the intake has returned it. If its hosts are only
 /// silent, the object and its loaded regions remain, because a user may be touching it and a host may come back.
 ///
-/// One thread, not the haptic one. Allocates while decoding. Memory is bounded by pool, store and the number of regions
-/// of the objects.
+/// One thread, not the haptic one. Allocates while decoding. Memory is bounded by pool, store and
+/// LoaderSettings::directory_bytes.
 #pragma once
 
 #include <cstdint>
