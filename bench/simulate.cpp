@@ -54,7 +54,8 @@ struct Totals {
   std::array<std::uint64_t, kFaultKinds> faults{};
   std::uint64_t min_messages = ~std::uint64_t{0}, messages = 0;
   std::size_t min_kinds = kFaultKinds;
-  std::uint64_t held = 0, refused = 0, released = 0, host_changes = 0, failures_detected = 0, false_suspicions = 0;
+  std::uint64_t held = 0, refused = 0, released = 0, pages_held = 0, pages_refused = 0, pages_forgotten = 0;
+  std::uint64_t host_changes = 0, failures_detected = 0, false_suspicions = 0;
   double virtual_s = 0;
   Samples healed_ms;
 
@@ -71,6 +72,9 @@ struct Totals {
     held += result.hrtcs.regions_held;
     refused += result.hrtcs.regions_refused;
     released += result.hrtcs.regions_released;
+    pages_held += result.hrtcs.pages_held;
+    pages_refused += result.hrtcs.pages_refused;
+    pages_forgotten += result.hrtcs.pages_forgotten;
     host_changes += result.host_changes;
     failures_detected += result.hrtcs.failures_detected;
     false_suspicions += result.hrtcs.false_suspicions;
@@ -118,6 +122,10 @@ Report run(const Settings& settings) {
   report.add_value("regions held", schedules, "", count(totals.held));
   report.add_value("regions released", schedules, "", count(totals.released));
   report.add_value("regions refused, which the host sends again", schedules, "", count(totals.refused));
+  report.add_value("pages of directories held", schedules, "", count(totals.pages_held));
+  report.add_value("pages of directories forgotten", schedules, "", count(totals.pages_forgotten));
+  report.add_value("pages of directories refused, which the host sends again", schedules, "",
+                   count(totals.pages_refused));
   report.add_value("changes of the host that serves an object to an HRTC", schedules, "", count(totals.host_changes));
   report.add_value("dead hosts suspected", schedules, "", count(totals.failures_detected));
   report.add_value("live hosts suspected", schedules, "", count(totals.false_suspicions));

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "spm/codec/model_codec.hpp"
+#include "spm/codec/page_codec.hpp"
 #include "spm/codec/region_codec.hpp"
 
 namespace tactus::test_support {
@@ -31,6 +32,17 @@ constexpr std::int64_t kMaxSilenceNs = FailureDetectorSettings{}.max_timeout_ns 
 
 std::string region_text(std::uint64_t object, std::uint32_t region) {
   return "region " + std::to_string(region) + " of object " + std::to_string(object);
+}
+std::string page_text(std::uint64_t object, std::uint32_t number) {
+  return "page " + std::to_string(number - kFirstPage) + " of object " + std::to_string(object);
+}
+std::string part_text(std::uint64_t object, std::uint32_t number) {
+  return number < kFirstPage ? region_text(object, number) : page_text(object, number);
+}
+
+/// The number of a page that an HRTC wants while a region is touched: `which` is 0 to kWantedPages - 1.
+std::uint32_t wanted_page(std::uint64_t object, std::uint32_t touched, std::uint32_t which) {
+  return kFirstPage + (touched * kSimulatedPages / regions_of(object) + which) % kSimulatedPages;
 }
 
 struct RegionRecords {
@@ -173,11 +185,11 @@ void SimulatedHrtc::take_chunk(const BulkChunk& chunk) {
   for (DeliveryClient::Message& message : client_->on_chunk(chunk, local_ns())) {
     const std::uint32_t released_epoch = caches_.at(message.object_id).released_epoch;
     if (message.epoch < released_epoch)
-      world_.report_violation(region_text(message.object_id, message.region) + " was received under epoch " +
+      world_.report_violation(part_text(message.object_id, message.region) + " was received under epoch " +
                               std::to_string(message.epoch) + " and may rely on a region released before epoch " +
                               std::to_string(released_epoch));
     const std::int64_t decoded_ns = world_.now_ns + world_.random_below(faults_.decode_ns);
-    if (message.kind == BulkKind::kRegion && world_.chance(faults_.postponing))
+    if (message.region < kFirstPage && world_.chance(faults_.postponing))
       client_->postpone_answer(message.object_id, message.region);
     const std::int64_t end_ns = decodings_.empty() ? decoded_ns : std::max(decoded_ns, decodings_.back().end_ns);
     decodings_.push_back({end_ns, std::move(message)});
@@ -192,7 +204,7 @@ void SimulatedHrtc::answer_decoded() {
     const DeliveryClient::Message message = std::move(decodings_.front().message);
     decodings_.pop_front();
     if (message.kind == BulkKind::kRegion) {
-      answer_region(message);
+      message.region < kFirstPage ? answer_region(message) : answer_page(message);
       continue;
     }
     const std::span<const std::uint8_t> base = compressed_of(message.object_id).spans().base;
@@ -237,6 +249,41 @@ void SimulatedHrtc::answer_region(const DeliveryClient::Message& message) {
   ++figures_.regions_held;
 }
 
+/// Stores the page, or refuses it: the memory for directories may be full.
+void SimulatedHrtc::answer_page(const DeliveryClient::Message& message) {
+  const spm::PageId page{message.region - kFirstPage};
+  const auto violation = [&](const char* what) {
+    world_.report_violation(page_text(message.object_id, message.region) + " was received " + what);
+  };
+  if (message.bytes != spm::codec::encode_page(spm::page_with_id(model_of(message.object_id).regions, page)))
+    return violation("and differs from the model");
+  constexpr double kFull = 0.05;
+  if (world_.chance(kFull)) {
+    ++figures_.pages_refused;
+    return client_->answer_refused(message.object_id, message.region);
+  }
+  if (!caches_[message.object_id].pages.insert(message.region).second) return violation("although it is held");
+  client_->answer_page_stored(message.object_id, message.region);
+  ++figures_.pages_held;
+}
+
+/// Drops each unwanted page with probability 0.2, and each wanted one with 0.02; the HRTC requests the latter again.
+void SimulatedHrtc::forget_pages(std::uint64_t object) {
+  Cache& cache = caches_[object];
+  for (auto page = cache.pages.begin(); page != cache.pages.end();) {
+    bool is_wanted = false;
+    for (std::uint32_t which = 0; which < kWantedPages; ++which)
+      is_wanted = is_wanted || *page == wanted_page(object, cache.touched, which);
+    if (!world_.chance(is_wanted ? 0.02 : 0.2)) {
+      ++page;
+      continue;
+    }
+    if (world_.bug != InjectedBug::kForgetsPagesSilently) client_->forget_page(object, *page);
+    page = cache.pages.erase(page);
+    ++figures_.pages_forgotten;
+  }
+}
+
 void SimulatedHrtc::move_user(std::uint64_t object) {
   const std::uint32_t regions = regions_of(object);
   std::uint32_t& touched = caches_[object].touched;
@@ -248,6 +295,8 @@ void SimulatedHrtc::move_user(std::uint64_t object) {
     wanted.push_back({(touched + distance) % regions, distance * 20'000});
     if (distance != 0) wanted.push_back({(touched + regions - distance) % regions, distance * 20'000 + 5'000});
   }
+  for (std::uint32_t which = 0; which < kWantedPages; ++which)
+    wanted.push_back({wanted_page(object, touched, which), which * 50'000});
   client_->set_wanted(object, wanted);
 }
 
@@ -309,7 +358,11 @@ void SimulatedHrtc::check_demand(const Cache& cache, const Demand& demand) {
       if (cache.regions_with[record] == 0)
         world_.report_violation(claim() + ", whose record " + std::to_string(record) + " is not held");
   }
-  if (demand.wanted.size() > 2 * kWantedDistance + 1) world_.report_violation("a demand wants too many regions");
+  if (demand.wanted.size() > 2 * kWantedDistance + 1 + kWantedPages)
+    world_.report_violation("a demand wants too many regions and pages");
+  for (const Wanted& wanted : demand.wanted)
+    if (cache.pages.count(wanted.region) != 0)
+      world_.report_violation("a demand wants " + page_text(demand.object_id, wanted.region) + ", which is held");
   if (demand.credit > kSimulatedMaxCredit) world_.report_violation("a demand gives more than the max credit");
   if (demand.epoch < cache.epoch) world_.report_violation("an epoch is smaller than the previous epoch");
 }
@@ -328,10 +381,12 @@ void SimulatedHrtc::publish_demands() {
   }
 }
 
-bool SimulatedHrtc::holds_wanted_regions(std::uint64_t object) const {
+bool SimulatedHrtc::holds_wanted_parts(std::uint64_t object) const {
   const Cache& cache = caches_.at(object);
   const std::uint32_t regions = regions_of(object);
   if (!cache.retired_epoch.empty()) return false;
+  for (std::uint32_t which = 0; which < kWantedPages; ++which)
+    if (cache.pages.count(wanted_page(object, cache.touched, which)) == 0) return false;
   for (std::uint32_t offset = 0; offset <= 2 * kWantedDistance; ++offset)
     if (cache.closed_lists.count((cache.touched + regions + offset - kWantedDistance) % regions) == 0) return false;
   return true;
@@ -346,6 +401,7 @@ std::int64_t SimulatedHrtc::work() {
     if (!moves) continue;
     move_user(object);
     retire_and_hold_again(object);
+    forget_pages(object);
   }
   publish_demands();
   return kTickNs;

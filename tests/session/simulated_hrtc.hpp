@@ -22,11 +22,12 @@
 namespace tactus::test_support {
 
 // The objects of every session. The regions of an object form a ring. An HRTC wants the touched region and its
-// neighbours in the ring.
+// neighbours in the ring, and two pages of the directory. The pages form a ring, too; most of them have no regions.
 inline constexpr std::uint64_t kFirstObject = 300;
 inline constexpr std::uint64_t kObjects = 2;
 inline constexpr std::uint32_t kWantedDistance = 2;  ///< regions up to this distance from the touched one are wanted
 inline constexpr std::uint32_t kRetireDistance = 4;  ///< regions beyond this distance are retired
+inline constexpr std::uint32_t kSimulatedPages = 8, kWantedPages = 2;
 inline constexpr std::uint32_t kSimulatedMaxCredit = 48 * 1024;
 inline constexpr std::size_t kMaxPartialBytes = 200'000;
 [[nodiscard]] const spm::OwnedModel& model_of(std::uint64_t object);
@@ -41,6 +42,9 @@ struct HrtcFaults {
 struct HrtcFigures {
   std::uint64_t regions_held = 0;  ///< number of times that the cache accepted a region
   std::uint64_t regions_refused = 0;
+  std::uint64_t pages_held = 0;       ///< number of times that an HRTC stored a page of the directory
+  std::uint64_t pages_refused = 0;    ///< because the memory for directories was full
+  std::uint64_t pages_forgotten = 0;  ///< dropped, wanted ones included
   std::uint64_t regions_released = 0;
   std::uint64_t records_received = 0;
   std::uint64_t records_repeated = 0;   ///< received although a region that was never retired contains them
@@ -53,8 +57,8 @@ class SimulatedHrtc : public Program {
  public:
   SimulatedHrtc(World& world, std::uint64_t id, const HrtcFaults& faults);
 
-  /// Whether all wanted regions of the object are held and no region is retired.
-  [[nodiscard]] bool holds_wanted_regions(std::uint64_t object) const;
+  /// Whether all wanted regions and pages of the object are held and no region is retired.
+  [[nodiscard]] bool holds_wanted_parts(std::uint64_t object) const;
   [[nodiscard]] std::vector<session::UserProbe> served_users() const { return user_table_->list(); }
   [[nodiscard]] const session::DeliveryClient& delivery() const noexcept { return *client_; }
   [[nodiscard]] const HrtcFigures& figures() const noexcept { return figures_; }
@@ -73,6 +77,7 @@ class SimulatedHrtc : public Program {
     std::set<std::uint32_t> never_retired;                             // held regions on which hosts may always rely
     std::vector<std::uint32_t> never_retired_with;                     // like `regions_with`, of `never_retired`
     std::map<std::uint32_t, std::uint32_t> retired_epoch;  // of the first demand without a region; 0: not published yet
+    std::set<std::uint32_t> pages;                         // held, by number (session::number_of)
     std::uint32_t touched = 0;                             // region
     std::uint32_t epoch = 0;                               // of the last demand
     std::uint32_t released_epoch = 0;                      // messages of earlier epochs may rely on released regions
@@ -86,6 +91,8 @@ class SimulatedHrtc : public Program {
   void take_chunk(const session::BulkChunk& chunk);
   void answer_decoded();
   void answer_region(const session::DeliveryClient::Message& message);
+  void answer_page(const session::DeliveryClient::Message& message);
+  void forget_pages(std::uint64_t object);
   void move_user(std::uint64_t object);
   void retire_and_hold_again(std::uint64_t object);
   void release(std::uint64_t object);

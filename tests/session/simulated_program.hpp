@@ -33,6 +33,7 @@ enum class InjectedBug : std::uint8_t {
   kHostsDropHrtcs,          ///< hosts sometimes drop the state of an HRTC
   kReceivesNothing,         ///< one program receives nothing from one other program
   kIgnoresFailureDetector,  ///< HRTCs do not poll the failure detector
+  kForgetsPagesSilently,    ///< HRTCs drop pages of the directory without DeliveryClient::forget_page
 };
 
 /// State that the programs of one session share.

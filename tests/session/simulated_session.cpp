@@ -217,8 +217,8 @@ class Simulation {
   [[nodiscard]] std::string recovery_obstacle() const {
     for (const auto& hrtc : hrtcs_)
       for (std::uint64_t object = kFirstObject; object < kFirstObject + kObjects; ++object)
-        if (hrtc->is_running() && served(object) && !hrtc->holds_wanted_regions(object))
-          return std::to_string(hrtc->id()) + " lacks wanted regions of object " + std::to_string(object);
+        if (hrtc->is_running() && served(object) && !hrtc->holds_wanted_parts(object))
+          return std::to_string(hrtc->id()) + " lacks wanted regions or pages of object " + std::to_string(object);
     for (const Program* program : world_.programs) {
       if (!program->is_running()) continue;
       const std::string name = std::to_string(program->id());
@@ -283,6 +283,9 @@ class Simulation {
       const HrtcFigures& figures = hrtc->figures();
       result_.hrtcs.regions_held += figures.regions_held;
       result_.hrtcs.regions_refused += figures.regions_refused;
+      result_.hrtcs.pages_held += figures.pages_held;
+      result_.hrtcs.pages_refused += figures.pages_refused;
+      result_.hrtcs.pages_forgotten += figures.pages_forgotten;
       result_.hrtcs.regions_released += figures.regions_released;
       result_.hrtcs.records_received += figures.records_received;
       result_.hrtcs.records_repeated += figures.records_repeated;

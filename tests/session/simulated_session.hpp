@@ -9,6 +9,7 @@
 ///       - Each region that a demand lists as present is decoded, equals the region of the model, and all its records
 ///         are held.
 ///       - No message relies on a region that was released before.
+///       - No page of the directory is requested or received while it is held.
 ///       - Unless an answer was postponed or a fault occurred in the last 1.5 s, no record of a region that was never
 ///         retired is received again, and no region is received without a record that it needs.
 ///       - Once the reference has answered, the error of a clock is within its stated bound, and a clock
@@ -17,8 +18,8 @@
 ///       - An HRTC suspects a host that it needs after at most 258 ms of silence: the max
 ///         timeout and four ticks of 2 ms.
 ///     at most kMaxRecoveryNs after the end of the faulty phase
-///       - Each HRTC holds the regions that it wants of objects that a running host serves. Rosters and served users
-///         agree, and each time reference runs.
+///       - Each HRTC holds the regions and pages that it wants of objects that a running host serves. Rosters and
+///         served users agree, and each time reference runs.
 ///       - The error bounds of the clocks are below kMaxClockBoundNs.
 ///       - After the recovery and the last demand, hosts send no more records.
 ///

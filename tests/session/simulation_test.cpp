@@ -81,10 +81,16 @@ TEST(SessionSimulation, InvariantsHoldUnderThreeKindsOfFaultAndTheSessionRecover
     ASSERT_GE(result.samples_sent, 300u) << "seed " << seed;
     ASSERT_GE(result.fault_kinds(), 3u) << "seed " << seed;
     total.hrtcs.regions_refused += result.hrtcs.regions_refused;
+    total.hrtcs.pages_held += result.hrtcs.pages_held;
+    total.hrtcs.pages_refused += result.hrtcs.pages_refused;
+    total.hrtcs.pages_forgotten += result.hrtcs.pages_forgotten;
     total.host_changes += result.host_changes;
     for (std::size_t kind = 0; kind < kFaultKinds; ++kind) total.fault_counts[kind] += result.fault_counts[kind];
   }
   EXPECT_GT(total.hrtcs.regions_refused, 0u) << "the faults had no effect";
+  EXPECT_GT(total.hrtcs.pages_held, kSchedules);
+  EXPECT_GT(total.hrtcs.pages_refused, 0u);
+  EXPECT_GT(total.hrtcs.pages_forgotten, 0u);
   EXPECT_GT(total.host_changes, 0u);
   for (std::size_t kind = 0; kind < kFaultKinds; ++kind) EXPECT_GT(total.fault_counts[kind], 0u) << kFaultNames[kind];
 }
@@ -144,7 +150,8 @@ constexpr BugCase kBugCases[] = {
     {"ClocksDrift", InjectedBug::kClocksDrift, "is wrong by"},
     {"HostsDropHrtcs", InjectedBug::kHostsDropHrtcs, "records of regions that were never retired"},
     {"ReceivesNothing", InjectedBug::kReceivesNothing, "the roster of"},
-    {"IgnoresFailureDetector", InjectedBug::kIgnoresFailureDetector, "which has not answered for"}};
+    {"IgnoresFailureDetector", InjectedBug::kIgnoresFailureDetector, "which has not answered for"},
+    {"ForgetsPagesSilently", InjectedBug::kForgetsPagesSilently, "lacks wanted regions or pages"}};
 
 INSTANTIATE_TEST_SUITE_P(SessionSimulation, EveryInjectedBug, testing::ValuesIn(kBugCases),
                          [](const auto& instance) { return instance.param.name; });
