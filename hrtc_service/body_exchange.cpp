@@ -3,6 +3,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <mutex>
 
 #include "realtime/periodic_clock.hpp"
 #include "session/units.hpp"

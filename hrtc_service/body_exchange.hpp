@@ -14,11 +14,11 @@
 #include <cstdint>
 #include <map>
 #include <memory>
-#include <mutex>
 #include <vector>
 
 #include "hrtc_service/gateway.hpp"
 #include "hrtc_service/handover.hpp"
+#include "realtime/inheriting_mutex.hpp"
 #include "session/ownership.hpp"
 #include "wire/endpoints.hpp"
 
@@ -75,8 +75,8 @@ class BodyExchange {
   MailboxReader<BodyReports> reports_in_;  // sender thread only
   Gateway& gateway_;
   wire::Writer<session::ObjectClaim> claims_out_;
-  wire::Writer<session::ObjectPose> poses_out_;  // sender thread only
-  mutable std::mutex ring_mutex_;                // guards copies_out_ and copy_admissions_
+  wire::Writer<session::ObjectPose> poses_out_;   // sender thread only
+  mutable realtime::InheritingMutex ring_mutex_;  // guards copies_out_ and copy_admissions_
   std::array<session::CopyAdmission, kMaxObjects> copy_admissions_;
   std::uint64_t past_implausible_ = 0;  // copies that the admissions of removed objects dropped
   std::array<std::atomic<std::int64_t>, kMaxObjects> copy_received_ns_{};

@@ -4,14 +4,6 @@
 
 namespace tactus::hrtc_service {
 
-InheritingMutex::InheritingMutex() {
-  pthread_mutexattr_t attributes;
-  pthread_mutexattr_init(&attributes);
-  pthread_mutexattr_setprotocol(&attributes, PTHREAD_PRIO_INHERIT);
-  pthread_mutex_init(&mutex_, &attributes);
-  pthread_mutexattr_destroy(&attributes);
-}
-
 StopSwitch::StopSwitch(const session::Origin& self, ServoLink& link)
     : link_{link}, latch_{self}, resets_before_{link.stop().resets} {
   if (!link.stop().stopped) return;

@@ -7,30 +7,14 @@
 ///     local stop by button or signal: zero force in the next cycle --> a stop of this HRTC, which a reset can name
 #pragma once
 
-#include <pthread.h>
-
 #include <cstdint>
 #include <vector>
 
 #include "hrtc_service/servo/servo_link.hpp"
+#include "realtime/inheriting_mutex.hpp"
 #include "session/stop_latch.hpp"
 
 namespace tactus::hrtc_service {
-
-/// A mutex with priority inheritance. While a callback under SCHED_FIFO waits for it, the thread that holds it has the
-/// callback's priority, so that ordinary threads do not prolong the wait.
-class InheritingMutex {
- public:
-  InheritingMutex();
-  ~InheritingMutex() { pthread_mutex_destroy(&mutex_); }
-  InheritingMutex(const InheritingMutex&) = delete;
-  InheritingMutex& operator=(const InheritingMutex&) = delete;
-  void lock() noexcept { pthread_mutex_lock(&mutex_); }
-  void unlock() noexcept { pthread_mutex_unlock(&mutex_); }
-
- private:
-  pthread_mutex_t mutex_;
-};
 
 /// Holds the stops and resets that an HRTC received. At the start, a stop in the link becomes a stop of this HRTC,
 /// because its name is lost. Threads: any except the haptic thread. The lock is held only for bounded work without
@@ -59,7 +43,7 @@ class StopSwitch {
   void post_to_haptic_thread() noexcept;
 
   ServoLink& link_;
-  mutable InheritingMutex mutex_;  // guards the members below
+  mutable realtime::InheritingMutex mutex_;  // guards the members below
   session::StopLatch latch_;
   std::uint32_t resets_before_;     // of earlier gateways
   std::uint64_t acknowledged_ = 0;  // StopLatch::changes at the last acknowledgement

@@ -8,6 +8,7 @@
 #include <cerrno>
 #include <cstring>
 #include <ctime>
+#include <mutex>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -38,14 +39,14 @@ AuditLog::AuditLog(std::filesystem::path file, std::string session, std::string 
     : file_{std::move(file)}, session_{std::move(session)}, program_{std::move(program)} {}
 
 void AuditLog::add(AuditEvent event) {
-  const std::lock_guard<std::mutex> lock{mutex_};
+  const std::lock_guard lock{mutex_};
   if (events_.size() >= kMaxEvents && events_.count(event) == 0) event = {kFurther, "", "", ""};
   ++events_[std::move(event)].count;
 }
 
 std::vector<std::pair<AuditEvent, std::uint64_t>> AuditLog::take_due(std::int64_t now_ns, bool all) {
   std::vector<std::pair<AuditEvent, std::uint64_t>> due;
-  const std::lock_guard<std::mutex> lock{mutex_};
+  const std::lock_guard lock{mutex_};
   all = all || events_.size() >= kMaxEvents;
   for (auto& [event, repeated] : events_) {
     if (repeated.count == 0 || (!all && now_ns < repeated.due_ns)) continue;
@@ -95,7 +96,7 @@ std::string AuditLog::write(std::int64_t now_ns, bool all) {
 
 /// The next call of `write` writes these events.
 void AuditLog::put_back(const std::vector<std::pair<AuditEvent, std::uint64_t>>& events) {
-  const std::lock_guard<std::mutex> lock{mutex_};
+  const std::lock_guard lock{mutex_};
   for (const auto& [event, count] : events) {
     const bool has_entry = events_.size() < kMaxEvents || events_.count(event) > 0;
     Repeated& repeated = events_[has_entry ? event : AuditEvent{kFurther, "", "", ""}];

@@ -12,11 +12,12 @@
 #include <cstdint>
 #include <filesystem>
 #include <map>
-#include <mutex>
 #include <string>
 #include <tuple>
 #include <utility>
 #include <vector>
+
+#include "realtime/inheriting_mutex.hpp"
 
 namespace tactus::wire {
 
@@ -55,7 +56,7 @@ class AuditLog {
 
   const std::filesystem::path file_;
   const std::string session_, program_;
-  std::mutex mutex_;
+  realtime::InheritingMutex mutex_;  // Members calls `add` under a mutex of this kind
   std::map<AuditEvent, Repeated> events_;
 };
 

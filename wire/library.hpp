@@ -1,7 +1,8 @@
 /// One interface for the two supported versions of Fast DDS: 2.9 (Debian 12) and 3.1 (Debian 13). Only wire/ and its
 /// tests include this header. The differences between the versions are here, except the names of the generated headers
-/// (convert.hpp), the names in XML profiles (profile_elements.cpp), and the CMake packages and the generator
-/// (cmake/TactusIdl.cmake). Source: UPGRADING.md of Fast DDS 3.
+/// (convert.hpp), the names in XML profiles (profile_elements.cpp), classes that the headers of Fast DDS do not declare
+/// (sent_keys.cpp, session_keys.cpp), and the CMake packages and the generator (cmake/TactusIdl.cmake). Source:
+/// UPGRADING.md of Fast DDS 3.
 #pragma once
 
 #if __has_include(<fastdds/rtps/transport/NetworkBuffer.hpp>)

@@ -119,7 +119,7 @@ bool Members::admits(const std::uint8_t* message, std::uint32_t size, const Addr
     at = found->next;
   }
   {
-    const std::shared_lock lock{mutex_};
+    const std::lock_guard lock{mutex_};
     const auto author = participants_.find(sender);
     if (author == participants_.end() || has_ended(author->second)) return false;
     if (certificates_.at(author->second.certificate).is_cut_off) return false;
@@ -131,16 +131,19 @@ bool Members::admits(const std::uint8_t* message, std::uint32_t size, const Addr
 /// the certificate must be the one that the sender has announced, which is checked with the newest list.
 bool Members::admits_handshakes(const std::vector<RtpsBytes>& handshakes, const GuidPrefix& sender,
                                 const Address& from) {
-  const std::unique_lock lock{mutex_};
-  const auto known = participants_.find(sender);
-  if (known == participants_.end()) return false;
-  if (!has_few_handshakes(known->second, handshakes.size())) {
-    audit_.add({"too many handshakes", "", from(), ""});
-    return false;
+  keys::Identity identity;
+  {
+    const std::lock_guard lock{mutex_};
+    const auto known = participants_.find(sender);
+    if (known == participants_.end()) return false;
+    if (!has_few_handshakes(known->second, handshakes.size())) {
+      audit_.add({"too many handshakes", "", from(), ""});
+      return false;
+    }
+    const Certificate& announced = certificates_.at(known->second.certificate);
+    identity = {announced.role, announced.name, announced.serial, announced.valid_until, announced.permitted, ""};
   }
-  const Certificate& announced = certificates_.at(known->second.certificate);
-  const keys::Identity identity{announced.role,        announced.name,      announced.serial,
-                                announced.valid_until, announced.permitted, ""};
+  // Without the lock, because OpenSSL takes locks of its own for a certificate.
   for (const RtpsBytes& handshake : handshakes) {
     const RtpsBytes certificate = certificate_in(handshake);
     const std::string_view text{reinterpret_cast<const char*>(certificate.at), certificate.size};
@@ -210,7 +213,7 @@ bool Members::record(const keys::Identity& identity, const GuidPrefix& sender, s
   const std::int64_t now_ns = clock_();
   const std::uint64_t id = session::id_of(identity.participant);
   {
-    const std::unique_lock lock{mutex_};
+    const std::lock_guard lock{mutex_};
     const auto known = participants_.find(sender);
     if (known != participants_.end() && !known->second.is_proved && may_forget(known->second, now_ns)) {
       participants_.erase(known);  // it begins again
@@ -237,7 +240,7 @@ bool Members::record(const keys::Identity& identity, const GuidPrefix& sender, s
     audit_.add({"unknown program", "", from(), "states to be " + subject_of(identity)});
     return false;
   }
-  const std::unique_lock lock{mutex_};
+  const std::lock_guard lock{mutex_};
   // Everyone can state an identity that matches a GUID. So nothing is stored for those that are refused.
   if (const char* const why = reason_to_cut_off(identity, begin)) {
     audit_.add({"cut off", subject_of(identity), from(), why + serial_text(identity.serial)});
@@ -421,22 +424,12 @@ bool Members::has_permitted_users(const Certificate& certificate, const session:
 }
 
 bool Members::is_author(const GuidPrefix& participant, const Claim& claim, const char* topic) {
-  {
-    const std::shared_lock lock{mutex_};
-    const auto author = participants_.find(participant);
-    if (author == participants_.end()) return false;  // it was not admitted, so the library cannot have matched it
-    const Certificate& certificate = certificates_.at(author->second.certificate);
-    const bool has_known_list = claim.entry == nullptr || claim.entry->revoked_made_s == author->second.list_made;
-    const bool has_known_name = claim.name == nullptr || contains(certificate.ids, *claim.participant);
-    if (has_known_list && has_known_name && refusal_of(author->second, certificate, claim, topic) == nullptr)
-      return !certificate.is_cut_off;
-  }
-  const std::unique_lock lock{mutex_};
+  const std::lock_guard lock{mutex_};
   const auto author = participants_.find(participant);
-  if (author == participants_.end()) return false;
+  if (author == participants_.end()) return false;  // it was not admitted, so the library cannot have matched it
   Certificate& certificate = certificates_.at(author->second.certificate);
   const char* const why = refusal_of(author->second, certificate, claim, topic);
-  if (why == nullptr) {  // an announcement has added the id since, or the list or the name is new
+  if (why == nullptr) {
     if (states_own_name(certificate, claim)) learn_id(certificate, *claim.participant);
     if (claim.entry != nullptr && session::invalid_field(*claim.entry) == nullptr)
       author->second.list_made = claim.entry->revoked_made_s;
@@ -460,7 +453,7 @@ void Members::count_refused(const keys::GuidBegin& begin) {
 }
 
 void Members::report_invalid(const GuidPrefix& participant, const char* topic, const char* reason) {
-  const std::unique_lock lock{mutex_};
+  const std::lock_guard lock{mutex_};
   const auto author = participants_.find(participant);
   if (author == participants_.end()) return;
   const std::string& subject = certificates_.at(author->second.certificate).subject;
@@ -469,14 +462,14 @@ void Members::report_invalid(const GuidPrefix& participant, const char* topic, c
 }
 
 void Members::report_excess(const GuidPrefix& participant, const char* topic) const {
-  const std::shared_lock lock{mutex_};
+  const std::lock_guard lock{mutex_};
   const auto known = participants_.find(participant);
   if (known != participants_.end())
     audit_.add({"too many samples", certificates_.at(known->second.certificate).subject, "", topic});
 }
 
 void Members::report_refused_user(std::uint64_t client, const std::string& user) const {
-  const std::shared_lock lock{mutex_};
+  const std::lock_guard lock{mutex_};
   const auto brings = std::find_if(participants_.begin(), participants_.end(), [&](const auto& known) {
     const Participant& participant = known.second;
     return participant.is_proved &&
@@ -487,7 +480,7 @@ void Members::report_refused_user(std::uint64_t client, const std::string& user)
 }
 
 std::vector<std::uint64_t> Members::ids_of(const GuidPrefix& participant) const {
-  const std::shared_lock lock{mutex_};
+  const std::lock_guard lock{mutex_};
   const auto known = participants_.find(participant);
   if (known == participants_.end()) return {};
   std::vector<std::uint64_t> ids = known->second.ids;
@@ -499,7 +492,7 @@ std::vector<std::uint64_t> Members::ids_of(const GuidPrefix& participant) const 
 /// The library waits for a participant that never answers in the handshake, and reports no failure.
 void Members::on_announcement(const GuidPrefix& participant) {
   const std::int64_t now_ns = clock_();
-  const std::unique_lock lock{mutex_};
+  const std::lock_guard lock{mutex_};
   const auto known = participants_.find(participant);
   if (known == participants_.end() || known->second.is_proved) return;
   const Certificate& certificate = certificates_.at(known->second.certificate);
@@ -511,7 +504,7 @@ void Members::on_announcement(const GuidPrefix& participant) {
 }
 
 void Members::on_authentication(const GuidPrefix& participant, bool succeeded) {
-  const std::unique_lock lock{mutex_};
+  const std::lock_guard lock{mutex_};
   const auto known = participants_.find(participant);
   const std::string stated = known == participants_.end() ? "" : certificates_.at(known->second.certificate).subject;
   if (succeeded && known != participants_.end()) {
@@ -532,7 +525,7 @@ void Members::on_authentication(const GuidPrefix& participant, bool succeeded) {
 
 /// An unproved participant keeps its place (may_forget).
 void Members::on_gone(const GuidPrefix& participant) {
-  const std::unique_lock lock{mutex_};
+  const std::lock_guard lock{mutex_};
   const auto known = participants_.find(participant);
   if (known == participants_.end() || !known->second.is_proved) return;
   known->second.is_proved = false;
@@ -541,7 +534,7 @@ void Members::on_gone(const GuidPrefix& participant) {
 }
 
 std::time_t Members::list_made() const {
-  const std::shared_lock lock{mutex_};
+  const std::lock_guard lock{mutex_};
   return list_made_;
 }
 
@@ -555,7 +548,7 @@ void Members::read_list(std::vector<std::string>& reports) {
     reports.push_back(std::string{error.what()} + "; the earlier list stays in force");
     return;
   }
-  const std::unique_lock lock{mutex_};
+  const std::lock_guard lock{mutex_};
   std::set<std::string> serials{list->serials.begin(), list->serials.end()};
   if (list->made < list_made_) {
     reports.push_back(file + ": found the list of " + keys::utc_text(list->made) + ", older than that of " +
@@ -600,7 +593,7 @@ void Members::compare_lists(std::vector<std::string>& reports) {
 std::vector<std::string> Members::check_again(std::time_t now) {
   std::vector<std::string> reports;
   read_list(reports);
-  const std::unique_lock lock{mutex_};
+  const std::lock_guard lock{mutex_};
   compare_lists(reports);
   std::set<keys::GuidBegin> proved;
   for (const auto& [prefix, participant] : participants_)

@@ -15,7 +15,7 @@
 /// participants when their leases end.
 ///
 /// Threads: any. Cost of a message or a sample: two lookups in trees and, for a restricted member, a search of its
-/// permitted names, with a shared lock; an announcement or a handshake takes the exclusive lock.
+/// permitted names, under a lock.
 #pragma once
 
 #include <chrono>
@@ -26,12 +26,12 @@
 #include <map>
 #include <optional>
 #include <set>
-#include <shared_mutex>
 #include <string>
 #include <vector>
 
 #include "keys/identity.hpp"
 #include "keys/member.hpp"
+#include "realtime/inheriting_mutex.hpp"
 #include "realtime/process.hpp"
 #include "session/messages.hpp"
 #include "wire/audit.hpp"
@@ -199,9 +199,9 @@ class Members {
   const keys::GuidBegin own_begin_;
   AuditLog& audit_;
   const Clock clock_;
-  mutable std::shared_mutex mutex_;  // for the members below
-  std::set<std::string> revoked_;    // serial numbers in all lists that this program has read
-  std::time_t list_made_ = 0;        // of the newest one
+  mutable realtime::InheritingMutex mutex_;  // for the members below
+  std::set<std::string> revoked_;            // serial numbers in all lists that this program has read
+  std::time_t list_made_ = 0;                // of the newest one
   std::map<keys::GuidBegin, Certificate> certificates_;
   std::map<GuidPrefix, Participant> participants_;
   std::int64_t made_room_ns_ = 0;

@@ -22,6 +22,7 @@
 #include "wire/profiles.hpp"
 #include "wire/security.hpp"
 #include "wire/sent_keys.hpp"
+#include "wire/session_keys.hpp"
 #include "wire/topics.hpp"
 #include "wire/transport/filter_transport.hpp"
 
@@ -29,6 +30,10 @@ namespace tactus::wire {
 namespace {
 
 constexpr char kPlain[] = "NOT SECURED (--plain): everyone who reaches the network can read and change this session";
+
+constexpr char kLacksFunctions[] =
+    "probe states with keys get no real-time priority, because this program has Tactus in a shared library; expected "
+    "tactus_wire linked into the program (wire/session_keys.hpp)";
 
 /// DDS name of the participants that only read bulk, by which they ignore each other.
 constexpr char kReadsBulk[] = "tactus_bulk_reader";
@@ -144,7 +149,12 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
   const std::set<int> before = datagram_sockets();
   dds::DomainParticipant* made = nullptr;
   {
-    const InheritedPriority priority{traffic == TrafficClass::kProbe ? impl.address.probe_priority : 0};
+    int probe_priority = traffic == TrafficClass::kProbe ? impl.address.probe_priority : 0;
+    if (probe_priority > 0 && impl.security && !replaces_message_crypto()) {
+      probe_priority = 0;
+      report(kLacksFunctions);
+    }
+    const InheritedPriority priority{probe_priority};
     if (traffic == TrafficClass::kSession)
       impl.servers = std::make_unique<ServerWatch>(impl.address.discovery.servers, qos);
     dds::DomainParticipantListener* listener = impl.security.get();

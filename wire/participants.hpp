@@ -51,7 +51,8 @@ class Participants {
   /// readers.
   [[nodiscard]] std::size_t chunk_bytes() const noexcept;
 
-  /// True if the probe participant's threads run at `probe_priority`; false if that is 0 or the system refused it.
+  /// True if the probe participant's threads run at `probe_priority`; false if that is 0, if the system refused it, or
+  /// if the session is secured and this program has Tactus in a shared library.
   [[nodiscard]] bool probe_is_realtime() const noexcept;
 
   struct Impl;
