@@ -15,7 +15,7 @@
 /// participants when their leases end.
 ///
 /// Threads: any. Cost of a message or a sample: two lookups in trees and, for a restricted member, a search of its
-/// permitted names, under a lock.
+/// permitted names, under a lock; of a handshake, also the comparison of a certificate without it.
 #pragma once
 
 #include <chrono>
