@@ -366,16 +366,23 @@ struct RosterProgram {
   Reader<ses::RosterEntry> reader{participants, topics::kRoster, [](ses::RosterEntry&&) {}};
 };
 
-/// Starts a program at each address, and waits until all have found each other.
-bool all_find_each_other(const std::vector<SessionAddress>& addresses) {
+/// Starts a program at each address, and waits until all have found each other. A failure names the programs that have
+/// not found all others.
+void expect_all_find_each_other(const std::vector<SessionAddress>& addresses) {
   std::vector<std::unique_ptr<RosterProgram>> programs;
   for (const SessionAddress& at : addresses) programs.push_back(std::make_unique<RosterProgram>(at));
   const int others = static_cast<int>(programs.size()) - 1;
-  return eventually([&] {
-    return std::all_of(programs.begin(), programs.end(), [&](const auto& program) {
-      return program->reader.matched() == others && program->writer.matched() == others;
-    });
-  });
+  std::string missing;
+  EXPECT_TRUE(eventually([&] {
+    missing.clear();
+    for (const auto& program : programs) {
+      const int writers = program->reader.matched(), readers = program->writer.matched();
+      if (writers == others && readers == others) continue;
+      missing += program->participants.address().participant + " has found " + std::to_string(writers) +
+                 " writers and " + std::to_string(readers) + " readers of " + std::to_string(others) + "\n";
+    }
+    return missing.empty();
+  })) << missing;
 }
 
 constexpr int kManyPrograms = 10;
@@ -383,14 +390,14 @@ constexpr int kManyPrograms = 10;
 TEST_F(ForgedTest, ManyMembersThatJoinAtOnceAllFindEachOther) {
   std::vector<SessionAddress> addresses;
   for (int i = 0; i < kManyPrograms; ++i) addresses.push_back(member("m" + std::to_string(i)));
-  EXPECT_TRUE(all_find_each_other(addresses));
+  expect_all_find_each_other(addresses);
 }
 
 TEST(JoiningTest, ManyProgramsThatJoinAtOnceAllFindEachOther) {
   const std::string session = unique_session("many");
   std::vector<SessionAddress> addresses;
   for (int i = 0; i < kManyPrograms; ++i) addresses.push_back(address(session, "p" + std::to_string(i)));
-  EXPECT_TRUE(all_find_each_other(addresses));
+  expect_all_find_each_other(addresses);
 }
 
 TEST_F(ForgedTest, AMemberThatIsRevokedDuringTheSessionIsCutOff) {
