@@ -21,7 +21,6 @@
 #include "wire/incarnation.hpp"
 #include "wire/profiles.hpp"
 #include "wire/security.hpp"
-#include "wire/sent_keys.hpp"
 #include "wire/session_keys.hpp"
 #include "wire/topics.hpp"
 #include "wire/transport/filter_transport.hpp"
@@ -160,7 +159,6 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
     dds::DomainParticipantListener* listener = impl.security.get();
     if (listener == nullptr && traffic == TrafficClass::kSession) listener = impl.servers.get();
     made = factory->create_participant(domain, qos, listener, dds::StatusMask::none());
-    if (made != nullptr && impl.security) free_sent_keys(*made);
     filters.gate->open();
     if (traffic == TrafficClass::kProbe) impl.probe_realtime = priority.applied();
   }
@@ -178,6 +176,7 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
                     " and does not share it; find it with ss -lunp, or use another --domain");
   }
   mark_new_sockets(before, impl.flow.sockets[index]);
+  if (impl.security) impl.security->sent_keys().add(*made);
   return made;
 }
 
@@ -300,6 +299,7 @@ std::size_t Participants::chunk_bytes() const noexcept {
 bool Participants::probe_is_realtime() const noexcept { return impl_->probe_realtime; }
 
 Participants::Impl::~Impl() {
+  if (security) security->sent_keys().clear();
   for (dds::DomainParticipant* participant :
        std::set<dds::DomainParticipant*>{participants.begin(), participants.end()}) {
     if (participant == nullptr) continue;

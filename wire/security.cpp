@@ -156,7 +156,7 @@ void Security::on_gone(const rtps::GUID_t& participant) try {
 } catch (...) {  // out of memory
 }
 
-/// Writes the audit log twice a second, and checks certificates every kCheckInterval.
+/// Writes the audit log and frees sent keys twice a second, and checks certificates every kCheckInterval.
 void Security::watch() {
   constexpr std::chrono::milliseconds kWriteInterval{500};
   auto next_check = std::chrono::steady_clock::now() + kCheckInterval;
@@ -165,6 +165,7 @@ void Security::watch() {
     is_last = ending_.wait_for(lock, kWriteInterval, [this] { return is_ending_; });
     lock.unlock();
     try {
+      sent_keys_.free_acknowledged();
       if (std::chrono::steady_clock::now() >= next_check) {
         next_check += kCheckInterval;
         for (const std::string& text : members_.check_again(std::time(nullptr))) report(text);
@@ -172,7 +173,7 @@ void Security::watch() {
       if (const std::string error = audit_.write(realtime::monotonic_ns(), is_last); !error.empty())
         report("audit log: " + error);
     } catch (const std::exception& error) {  // the next time may succeed
-      report(std::string{"audit log: "} + error.what());
+      report(std::string{"checks of keys: "} + error.what());
     }
     lock.lock();
   }

@@ -15,6 +15,7 @@
 #include "wire/audit.hpp"
 #include "wire/library.hpp"
 #include "wire/members.hpp"
+#include "wire/sent_keys.hpp"
 
 namespace tactus::wire {
 
@@ -34,8 +35,8 @@ inline constexpr std::uint32_t kProtectionBytes = 56 + 2 * 20;
 /// Throws WireError unless `permits`. `kind`: "user" or "object", for the message.
 void expect_permitted(const keys::Member& member, const char* kind, const std::string& name);
 
-/// Must outlive the participants. Has a thread, which writes the audit log and checks the certificates of all members
-/// again. Threads: any.
+/// Must outlive the participants. Has a thread, which writes the audit log, checks the certificates of all members
+/// again and frees sent keys. Threads: any.
 class Security final : public ParticipantListener {
  public:
   /// A certificate is cut off at most this time after the new list of revoked ones is there, or after it has expired.
@@ -61,6 +62,7 @@ class Security final : public ParticipantListener {
   [[nodiscard]] const keys::Member& member() const noexcept { return member_; }
   [[nodiscard]] std::string who() const;  ///< role and 'name', for messages
   [[nodiscard]] Members& members() noexcept { return members_; }
+  [[nodiscard]] SentKeys& sent_keys() noexcept { return sent_keys_; }
 
  private:
   void onParticipantAuthentication(dds::DomainParticipant*, rtps::ParticipantAuthenticationInfo&& info) override;
@@ -73,6 +75,7 @@ class Security final : public ParticipantListener {
   const std::string identity_;  // as announced
   AuditLog audit_;
   Members members_;
+  SentKeys sent_keys_;
   std::mutex mutex_;  // for `is_ending_`
   std::condition_variable ending_;
   bool is_ending_ = false;

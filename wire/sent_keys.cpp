@@ -5,7 +5,9 @@
 #ifndef TACTUS_FAST_DDS_3
 #include <fastdds/rtps/history/WriterHistory.h>
 #include <fastdds/rtps/writer/RTPSWriter.h>
-#include <fastdds/rtps/writer/WriterListener.h>
+
+#include <algorithm>
+#include <iterator>
 
 namespace eprosima::fastrtps::rtps {
 
@@ -21,27 +23,37 @@ class RTPSDomainImpl {
 namespace tactus::wire {
 namespace {
 
-/// Removes a message from the history of its writer once all readers have acknowledged it. The library calls the
-/// function under the lock of the writer.
-class SentKeysListener final : public rtps::WriterListener {
- public:
-  void onWriterChangeReceivedByAll(rtps::RTPSWriter* writer, rtps::CacheChange_t* change) override {
-    (void)(writer->*Access::history())->remove_change(change);
-  }
-
- private:
-  struct Access : rtps::RTPSWriter {
-    static rtps::WriterHistory* rtps::RTPSWriter::*history() noexcept { return &Access::mp_history; }
-  };
+struct Access : rtps::RTPSWriter {
+  static rtps::WriterHistory* rtps::RTPSWriter::*history() noexcept { return &Access::mp_history; }
 };
+
+void free_acknowledged_of(rtps::RTPSWriter& writer) {
+  const std::lock_guard lock{writer.getMutex()};
+  rtps::WriterHistory& history = *(writer.*Access::history());
+  std::vector<rtps::CacheChange_t*> acknowledged;
+  std::copy_if(history.changesBegin(), history.changesEnd(), std::back_inserter(acknowledged),
+               [&](const rtps::CacheChange_t* change) { return writer.is_acked_by_all(change); });
+  for (rtps::CacheChange_t* const change : acknowledged) (void)history.remove_change(change);
+}
 
 }  // namespace
 
-void free_sent_keys(const dds::DomainParticipant& participant) {
-  static SentKeysListener listener;
+void SentKeys::add(const dds::DomainParticipant& participant) {
   rtps::GUID_t guid = participant.guid();
   guid.entityId = ENTITYID_P2P_BUILTIN_PARTICIPANT_VOLATILE_MESSAGE_SECURE_WRITER;  // of DDS Security 1.1
-  if (rtps::RTPSWriter* const writer = rtps::RTPSDomainImpl::find_local_writer(guid)) writer->set_listener(&listener);
+  const std::lock_guard lock{mutex_};
+  writers_.push_back(guid);
+}
+
+void SentKeys::free_acknowledged() {
+  const std::lock_guard lock{mutex_};
+  for (const rtps::GUID_t& guid : writers_)
+    if (rtps::RTPSWriter* const writer = rtps::RTPSDomainImpl::find_local_writer(guid)) free_acknowledged_of(*writer);
+}
+
+void SentKeys::clear() {
+  const std::lock_guard lock{mutex_};
+  writers_.clear();
 }
 
 }  // namespace tactus::wire
@@ -50,7 +62,9 @@ void free_sent_keys(const dds::DomainParticipant& participant) {
 
 namespace tactus::wire {
 
-void free_sent_keys(const dds::DomainParticipant&) {}
+void SentKeys::add(const dds::DomainParticipant&) {}
+void SentKeys::free_acknowledged() {}
+void SentKeys::clear() {}
 
 }  // namespace tactus::wire
 
