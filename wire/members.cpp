@@ -109,8 +109,10 @@ bool Members::admits(const std::uint8_t* message, std::uint32_t size, const Addr
   const GuidPrefix sender = sender_of(message);
   std::uint32_t at = kRtpsHeader;
   std::vector<RtpsBytes> handshakes;
+  bool is_encrypted = false;
   while (const std::optional<Submessage> found = submessage_at(message, size, at)) {
     const std::optional<RtpsData> data = data_of(*found);
+    is_encrypted = is_encrypted || found->id == kSecurePrefixId;
     if (data && data->writer == kAnnouncements && !admits_announcement(data->payload, sender, from)) return false;
     // The library sends each handshake to all participants, and ignores those for others.
     if (data && data->writer == kAuthentication && is_for(own_begin_, data->payload))
@@ -123,6 +125,8 @@ bool Members::admits(const std::uint8_t* message, std::uint32_t size, const Addr
     const auto author = participants_.find(sender);
     if (author == participants_.end() || has_ended(author->second)) return false;
     if (certificates_.at(author->second.certificate).is_cut_off) return false;
+    if (author->second.refused_until_ns != 0 && clock_() < author->second.refused_until_ns) return false;
+    if (is_encrypted) author->second.encrypted_ns = clock_();
   }
   return handshakes.empty() || admits_handshakes(handshakes, sender, from);
 }
@@ -511,6 +515,7 @@ void Members::on_authentication(const GuidPrefix& participant, bool succeeded) {
     Participant& proved = known->second;
     std::erase_if(proved.ids, [&](std::uint64_t id) { return is_id_of_another(id, proved.certificate); });
     proved.is_proved = true;
+    proved.proved_ns = clock_();
     proved.failed_handshakes = 0;
     unproved_handshakes_.give_back(proved.unproved_handshakes);
     if (const auto from = unproved_handshakes_from_.find(proved.address); from != unproved_handshakes_from_.end())
@@ -527,10 +532,47 @@ void Members::on_authentication(const GuidPrefix& participant, bool succeeded) {
 void Members::on_gone(const GuidPrefix& participant) {
   const std::lock_guard lock{mutex_};
   const auto known = participants_.find(participant);
-  if (known == participants_.end() || !known->second.is_proved) return;
+  if (known == participants_.end()) return;
+  // One without a proof may have got that of this program.
+  if (known->second.is_proved || known->second.unproved_handshakes > 0) record_removal(participant);
+  if (!known->second.is_proved) return;
   known->second.is_proved = false;
   pass_on_ids(known->second.certificate);
   participants_.erase(known);
+}
+
+void Members::record_removal(const GuidPrefix& participant) {
+  if (removed_ns_.size() >= kMaxParticipants)
+    removed_ns_.erase(std::min_element(removed_ns_.begin(), removed_ns_.end(),
+                                       [](const auto& a, const auto& b) { return a.second < b.second; }));
+  removed_ns_[participant] = clock_();
+}
+
+std::vector<GuidPrefix> Members::removed() const {
+  const std::lock_guard lock{mutex_};
+  std::vector<std::pair<std::int64_t, GuidPrefix>> found;
+  for (const auto& [prefix, removed_ns] : removed_ns_) {
+    const auto known = participants_.find(prefix);
+    if (known != participants_.end() && !known->second.is_proved) found.emplace_back(removed_ns, prefix);
+  }
+  std::sort(found.rbegin(), found.rend());
+  std::vector<GuidPrefix> removed;
+  for (const auto& [removed_ns, prefix] : found) removed.push_back(prefix);
+  return removed;
+}
+
+void Members::on_removed_by(const GuidPrefix& participant) {
+  const std::int64_t now_ns = clock_();
+  const std::lock_guard lock{mutex_};
+  const auto known = participants_.find(participant);
+  if (known == participants_.end() || !known->second.is_proved ||
+      now_ns - known->second.encrypted_ns < std::chrono::nanoseconds{kMinSilence}.count() ||
+      now_ns - known->second.proved_ns < std::chrono::nanoseconds{kMinProved}.count() ||
+      now_ns < known->second.refused_until_ns)
+    return;
+  known->second.refused_until_ns = now_ns + 2 * known->second.lease_ns;  // the library removes it after one lease
+  audit_.add({"removed by peer", certificates_.at(known->second.certificate).subject, "",
+              "it has removed this program; both prove their identities again"});
 }
 
 std::time_t Members::list_made() const {

@@ -2,8 +2,8 @@
 ///
 ///     announcement       identity = hash in the GUID, not revoked, not expired,
 ///                        lease < kMaxLease, few unproved ones of its address    -> the library discovers the sender
-///     any other message  the sender is recorded, its certificate is not cut off,
-///                        and it is proved or has announced itself within its
+///     any other message  the sender is recorded and not being removed, its
+///                        certificate is not cut off, and it is proved or has announced itself within its
 ///                        lease; few handshakes, with its own certificate        -> the library reads it
 ///     sample             its author is the member that it claims, the role of
 ///                        this member may write the topic, and its keys permit the
@@ -11,7 +11,7 @@
 ///
 /// The class records a certificate when the first of its programs announces itself. The library authenticates GUIDs
 /// (keys/identity.hpp). A certificate is cut off when it is revoked or has expired, or when kMaxRefused samples of it
-/// were refused or invalid within kRefusedWindow. Then all its messages are dropped, so the library loses its
+/// were refused or invalid within kRefusedWindow. Then all its messages are dropped, so the library removes its
 /// participants when their leases end.
 ///
 /// Threads: any. Cost of a message or a sample: two lookups in trees and, for a restricted member, a search of its
@@ -71,6 +71,11 @@ class Members {
   static constexpr std::chrono::seconds kMaxUnprovedTime{30};
   /// Longer than the handshake takes if many of its messages are lost: the library repeats each after half a second.
   static constexpr std::chrono::seconds kMaxHandshake{10};
+  /// A participant that announces to have removed this one is removed too, but only if nothing encrypted has arrived in
+  /// its name for kMinSilence, and if its identity has been proved for kMinProved. Everyone can forge an announcement;
+  /// the roster entry and the metrics of a program, once a second each, contradict it. Only the participants of the
+  /// traffic class session send these.
+  static constexpr std::chrono::seconds kMinSilence{2}, kMinProved{10};
   /// Messages of handshakes with programs of these keys that the library reads from each participant: in a second, and
   /// at once. There may be several such programs, and each gets the messages for all. Each one costs the library a
   /// verified signature, and with Fast DDS 2.9.1 some 4 KB that it never frees: PKIDH::begin_handshake_reply reads the
@@ -124,6 +129,15 @@ class Members {
   /// The library reports that a participant has left, or that its lease has ended. It has to prove its identity again.
   void on_gone(const GuidPrefix& participant);
 
+  /// Returns the participants that the library has removed, that announce themselves again, and that have not proved
+  /// their identity yet; the newest removal first.
+  [[nodiscard]] std::vector<GuidPrefix> removed() const;
+
+  /// An announcement in the name of `participant` states that it has removed a participant of this program
+  /// (wire/transport/removals.hpp). If that is plausible (kMinSilence, kMinProved), `admits` refuses its messages until
+  /// the library reports that its lease has ended.
+  void on_removed_by(const GuidPrefix& participant);
+
   /// Reads the list of revoked certificates again, and cuts off those that are revoked or have expired. Does not use a
   /// list that is older than the one in use. A certificate that an earlier list names stays revoked. Returns messages
   /// for the log: a new list, one that cannot be used or lacks keys, members that were cut off, members that use
@@ -156,6 +170,9 @@ class Members {
     std::int64_t recorded_ns = 0;        // time of its first announcement
     std::int64_t lease_ns = 0;           // the longest one that it has stated
     std::int64_t expected_since_ns = 0;  // first announcement that the library has received; 0: none
+    std::int64_t encrypted_ns = 0;       // time of its newest encrypted message
+    std::int64_t proved_ns = 0;          // time of the proof of its identity
+    std::int64_t refused_until_ns = 0;   // all its messages are refused, so that the library removes it
     bool is_proved = false;
     Allowance handshakes{kMaxHandshakeRate, kMaxHandshakeBurst, 0};
     std::uint32_t unproved_handshakes = 0;  // messages that the library has read while it was unproved
@@ -188,6 +205,7 @@ class Members {
   [[nodiscard]] const char* refusal_of(const Participant& author, const Certificate& certificate, const Claim& claim,
                                        const char* topic) const;
   [[nodiscard]] static bool has_permitted_users(const Certificate& certificate, const session::RosterEntry& entry);
+  void record_removal(const GuidPrefix& participant);
   void count_refused(const keys::GuidBegin& begin);
   void cut_off(const keys::GuidBegin& begin, const char* why);
   void read_list(std::vector<std::string>& reports);
@@ -204,6 +222,7 @@ class Members {
   std::time_t list_made_ = 0;                // of the newest one
   std::map<keys::GuidBegin, Certificate> certificates_;
   std::map<GuidPrefix, Participant> participants_;
+  std::map<GuidPrefix, std::int64_t> removed_ns_;  // times of on_gone
   std::int64_t made_room_ns_ = 0;
   // Of unproved participants, and of those of each address.
   Allowance unproved_handshakes_{kMaxUnprovedRate, kMaxUnprovedBurst, 0};

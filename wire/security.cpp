@@ -119,6 +119,17 @@ bool Security::admits(const std::uint8_t* message, std::uint32_t size, const rtp
   return false;
 }
 
+std::vector<GuidPrefix> Security::removed() const noexcept try {
+  return members_.removed();
+} catch (...) {  // out of memory
+  return {};
+}
+
+void Security::on_removed_by(const GuidPrefix& participant) noexcept try {
+  members_.on_removed_by(participant);
+} catch (...) {  // out of memory: the next announcement states it again
+}
+
 void Security::on_announcement(const std::uint8_t* message) noexcept try {
   members_.on_announcement(sender_of(message));
 } catch (...) {  // out of memory: the audit log lacks an event

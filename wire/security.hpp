@@ -56,6 +56,11 @@ class Security final : public ParticipantListener {
   /// Returns whether the library may read a message that came from this address. Writes refusals to the audit log.
   [[nodiscard]] bool admits(const std::uint8_t* message, std::uint32_t size, const rtps::Locator_t& from) noexcept;
 
+  /// Returns Members::removed; empty if memory runs out.
+  [[nodiscard]] std::vector<GuidPrefix> removed() const noexcept;
+  /// Calls Members::on_removed_by.
+  void on_removed_by(const GuidPrefix& participant) noexcept;
+
   /// Reports to the members that the library reads an announcement. `message`: one that `admits` has let pass.
   void on_announcement(const std::uint8_t* message) noexcept;
 

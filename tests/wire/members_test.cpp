@@ -121,6 +121,85 @@ TEST_F(MembersTest, AProgramIsAdmittedWithTheIdentityOfItsKeys) {
   EXPECT_THAT(audit(), Not(HasSubstr("unknown program")));
 }
 
+class RemovedTest : public MembersTest {
+ protected:
+  [[nodiscard]] bool announces() {
+    return admits({announcement(sender_, text_of(keys::identity_of(museum_, "museum")))}, sender_);
+  }
+  [[nodiscard]] bool sends_encrypted() { return admits({submessage(kSecurePrefixId, Bytes(20))}, sender_); }
+  /// The museum announces that it has removed this program. Returns whether its messages are refused then.
+  [[nodiscard]] bool removes_this() {
+    members_.on_removed_by(sender_);
+    return !announces();
+  }
+
+  const keys::Member museum_ = add("museum", Role::kHost);
+  const GuidPrefix sender_ = prefix_of(museum_);
+};
+
+TEST_F(RemovedTest, ASilentParticipantThatHasRemovedThisOneIsRefusedUntilItIsGone) {
+  EXPECT_FALSE(removes_this()) << "its identity is not proved";
+  members_.on_authentication(sender_, true);
+  pass(Members::kMinProved - 1ms);
+  EXPECT_FALSE(removes_this()) << "its identity has just been proved";
+  ASSERT_TRUE(sends_encrypted());
+  pass(Members::kMinSilence - 1ms);
+  EXPECT_FALSE(removes_this()) << "its encrypted messages arrive";
+  pass(1ms);
+  EXPECT_TRUE(removes_this());
+  EXPECT_FALSE(sends_encrypted());
+  EXPECT_THAT(audit(), HasSubstr(R"("event":"removed by peer","subject":"host museum")"));
+  members_.on_gone(sender_);
+  EXPECT_TRUE(announces());
+}
+
+TEST_F(RemovedTest, TheRefusalEndsEvenIfTheLibraryDoesNotReportTheEndOfTheLease) {
+  ASSERT_TRUE(announces());
+  members_.on_authentication(sender_, true);
+  pass(Members::kMinProved);
+  ASSERT_TRUE(removes_this());
+  pass(2s);  // two leases
+  EXPECT_TRUE(announces());
+}
+
+TEST_F(RemovedTest, RemovedParticipantsAreThoseThatAnnounceThemselvesAgain) {
+  ASSERT_TRUE(announces());
+  EXPECT_THAT(members_.removed(), testing::IsEmpty()) << "it was not removed";
+  members_.on_authentication(sender_, true);
+  members_.on_gone(sender_);
+  EXPECT_THAT(members_.removed(), testing::IsEmpty()) << "it may be gone for ever";
+  ASSERT_TRUE(announces());
+  EXPECT_THAT(members_.removed(), testing::ElementsAre(sender_));
+  members_.on_authentication(sender_, true);
+  EXPECT_THAT(members_.removed(), testing::IsEmpty());
+}
+
+TEST_F(RemovedTest, TheNewestRemovalIsTheFirst) {
+  const GuidPrefix second = prefix_of(museum_, 2), third = prefix_of(museum_, 3);
+  const auto identity = text_of(keys::identity_of(museum_, "museum"));
+  for (const GuidPrefix& prefix : {second, third, sender_}) {
+    ASSERT_TRUE(admits({announcement(prefix, identity)}, prefix));
+    members_.on_authentication(prefix, true);
+    pass(1ms);
+    members_.on_gone(prefix);
+    ASSERT_TRUE(admits({announcement(prefix, identity)}, prefix));
+  }
+  EXPECT_THAT(members_.removed(), testing::ElementsAre(sender_, third, second));
+}
+
+TEST_F(RemovedTest, AParticipantThatIsGoneDuringItsHandshakeCountsAsRemoved) {
+  ASSERT_TRUE(announces());
+  members_.on_gone(sender_);
+  ASSERT_TRUE(announces());
+  EXPECT_THAT(members_.removed(), testing::IsEmpty()) << "it has sent no handshake";
+  ASSERT_TRUE(admits(
+      {data({0x00, 0x02, 0x01, 0xc3}, 1, for_this_program(handshake({sender_.begin(), sender_.end()}, {}, Bytes(4))))},
+      sender_));
+  members_.on_gone(sender_);
+  ASSERT_TRUE(announces());
+  EXPECT_THAT(members_.removed(), testing::ElementsAre(sender_));
+}
+
 TEST_F(MembersTest, NobodyIsAdmittedWithAnotherIdentity) {
   const keys::Member museum = add("museum", Role::kHost), ann = add("ann", Role::kUser);
   const GuidPrefix sender = prefix_of(ann);

@@ -6,12 +6,14 @@
 #include <utility>
 #include <vector>
 
+#include "realtime/inheriting_mutex.hpp"
 #include "realtime/process.hpp"
 #include "wire/dds.hpp"
 #include "wire/footprint.hpp"
 #include "wire/security.hpp"
 #include "wire/transport/announcements.hpp"
 #include "wire/transport/local_addresses.hpp"
+#include "wire/transport/removals.hpp"
 #include "wire/transport/rtps_message.hpp"
 #include "wire/transport/trimming.hpp"
 
@@ -57,6 +59,11 @@ class FilterTransport final : public WholeMessageTransport {
     for (; first != last; ++first) to.push_back(*first);
     const std::vector<rtps::Locator_t> due = announcements_.due(&lower, *announcement, to, realtime::monotonic_ns());
     if (due.empty()) return true;
+    const std::vector<rtps::octet> completed = with_own_removals(message, size);
+    if (!completed.empty()) {
+      message = completed.data();
+      size = static_cast<std::uint32_t>(completed.size());
+    }
     rtps::Locators from{due.begin()}, end{due.end()};
     return pass_on(lower, message, size, from, end, until);
   }
@@ -68,6 +75,7 @@ class FilterTransport final : public WholeMessageTransport {
       if (!has_reported_.exchange(true)) report(kOtherMachine);
       return;
     }
+    if (has_removed_this(message, size)) descriptor_.settings.security->on_removed_by(sender_of(message));
     if (descriptor_.settings.security != nullptr && !descriptor_.settings.security->admits(message, size, remote))
       return;
     if (!announcements_.on_received(message, size)) return;
@@ -83,9 +91,31 @@ class FilterTransport final : public WholeMessageTransport {
     return static_cast<std::uint32_t>(own_port(descriptor_.settings.domain, 0));
   }
 
-  /// Whether the message is an announcement or of a handshake of a secured session, whose other messages are encrypted.
+  /// Returns whether a message is an announcement or of a handshake of a secured session. All others are encrypted.
   [[nodiscard]] bool starts_handshake(const rtps::octet* message, std::uint32_t size) const {
     return descriptor_.settings.security != nullptr && find_submessage(message, size, kDataId).has_value();
+  }
+
+  /// Returns an announcement of this participant with those that it has removed; empty if there are none.
+  [[nodiscard]] std::vector<rtps::octet> with_own_removals(const rtps::octet* message, std::uint32_t size) {
+    if (descriptor_.settings.security == nullptr) return {};
+    {
+      const std::lock_guard lock{own_mutex_};
+      own_ = sender_of(message);
+    }
+    const std::vector<GuidPrefix> removed = descriptor_.settings.security->removed();
+    return removed.empty() ? std::vector<rtps::octet>{} : with_removals(message, size, removed);
+  }
+
+  /// Returns whether a message announces a participant that has removed this one.
+  [[nodiscard]] bool has_removed_this(const rtps::octet* message, std::uint32_t size) {
+    if (!starts_handshake(message, size)) return false;
+    std::optional<GuidPrefix> own;
+    {
+      const std::lock_guard lock{own_mutex_};
+      own = own_;
+    }
+    return own && names_removal_of(*own, message, size);
   }
 
   FilterTransportDescriptor descriptor_;
@@ -93,6 +123,8 @@ class FilterTransport final : public WholeMessageTransport {
   LocalAddresses local_;
   std::atomic<bool> has_reported_{false};
   std::mutex handshake_mutex_;
+  realtime::InheritingMutex own_mutex_;  // a thread with a real-time priority may wait for it
+  std::optional<GuidPrefix> own_;        // this participant; known when it has announced itself
 };
 
 }  // namespace

@@ -1,11 +1,13 @@
-/// Adds filters to the UDP transport of Fast DDS. They delay, drop or shorten messages, and create none.
+/// Adds filters to the UDP transport of Fast DDS. They delay, drop, shorten or complete messages, and create none.
 ///
 ///     sent      announcements: dropped if the receiver got the same one recently    (announcements.hpp)
+///               announcements: with keys, completed with the removed participants   (removals.hpp)
 ///               samples:       sent without the submessages that no reader uses     (trimming.hpp)
 ///     received  all messages:  delayed until the participant has been created       (gate.hpp)
 ///               all messages:  without keys, dropped if they are of another machine, unless it is wanted
 ///               all messages:  with keys, dropped if they are not protected         (protection.hpp)
-///               all messages:  with keys, dropped if their sender is no member      (members.hpp)
+///               all messages:  with keys, dropped if their sender is no member, or has removed this participant
+///                                                                                   (members.hpp)
 ///               announcements: dropped if their participant is ignored              (announcements.hpp)
 ///               announcements, handshakes: with keys, passed on one at a time
 ///               all messages:  passed on without statistics                         (rtps_message.hpp)
