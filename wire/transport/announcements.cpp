@@ -13,14 +13,6 @@ constexpr std::uint32_t kMetatrafficUnicast = 0x32, kName = 0x62;  // parameters
 constexpr std::uint32_t kLocatorSize = 24, kPortAt = 4, kAddressAt = 8;
 constexpr std::size_t kMaxEntries = 4096;
 
-/// Returns the DATA submessage of the participant announcement in a message, if there is one.
-std::optional<RtpsData> announcement_in(const std::uint8_t* message, std::uint32_t size) {
-  const std::optional<Submessage> found = find_submessage(message, size, kDataId);
-  std::optional<RtpsData> data = found ? data_of(*found) : std::nullopt;
-  if (data && data->writer != kAnnouncements) data.reset();
-  return data;
-}
-
 /// True if a CDR string equals `text`. A CDR string has a length, which includes the zero byte at the end, and bytes.
 bool is_text(const RtpsBytes& value, const std::string& text) {
   const auto bytes = static_cast<std::uint32_t>(text.size());
@@ -31,18 +23,18 @@ bool is_text(const RtpsBytes& value, const std::string& text) {
 }  // namespace
 
 std::optional<std::uint64_t> Announcements::sequence_of(const std::uint8_t* message, std::uint32_t size) {
-  const std::optional<RtpsData> announcement = announcement_in(message, size);
-  return announcement ? std::optional{announcement->sequence} : std::nullopt;
+  const std::optional<Announcement> announcement = announcement_in(message, size);
+  return announcement ? std::optional{announcement->data.sequence} : std::nullopt;
 }
 
 bool Announcements::on_received(const std::uint8_t* message, std::uint32_t size) {
-  const std::optional<RtpsData> announcement = announcement_in(message, size);
-  if (!announcement || announcement->payload.size == 0) return true;
+  const std::optional<Announcement> announcement = announcement_in(message, size);
+  if (!announcement || announcement->data.payload.size == 0) return true;
   const std::lock_guard<std::mutex> lock{mutex_};
   if (discovered_.size() > kMaxEntries) discovered_.clear();
   const auto [entry, is_new] = discovered_.try_emplace(sender_of(message), true);
   if (!is_new) return entry->second;
-  ParameterList parameters = parameters_of(announcement->payload);
+  ParameterList parameters = parameters_of(announcement->data.payload);
   while (const auto parameter = parameters.next()) {
     const RtpsBytes& value = parameter->value;
     if (parameter->id == kMetatrafficUnicast && value.size == kLocatorSize)

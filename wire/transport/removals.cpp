@@ -1,7 +1,6 @@
 #include "wire/transport/removals.hpp"
 
 #include <algorithm>
-#include <iterator>
 #include <optional>
 
 namespace tactus::wire {
@@ -10,20 +9,6 @@ namespace {
 // A parameter of a vendor (bit 15). Bit 14 is 0: a library that does not know the parameter skips it.
 constexpr std::uint32_t kRemovals = 0xb7ac;
 constexpr std::uint32_t kParameterHead = 4;
-
-/// An announcement in a message, and its submessage.
-struct Found {
-  Submessage submessage;
-  RtpsData data;
-};
-
-std::optional<Found> announcement_in(const std::uint8_t* message, std::uint32_t size) {
-  if (size < kRtpsHeader) return std::nullopt;
-  const std::optional<Submessage> found = find_submessage(message, size, kDataId);
-  const std::optional<RtpsData> data = found ? data_of(*found) : std::nullopt;
-  if (!data || data->writer != kAnnouncements || data->payload.size == 0) return std::nullopt;
-  return Found{*found, *data};
-}
 
 void append(std::vector<std::uint8_t>& to, std::uint64_t number, std::uint32_t bytes, bool little_endian) {
   for (std::uint32_t i = 0; i < bytes; ++i)
@@ -34,8 +19,8 @@ void append(std::vector<std::uint8_t>& to, std::uint64_t number, std::uint32_t b
 
 std::vector<std::uint8_t> with_removals(const std::uint8_t* message, std::uint32_t size,
                                         const std::vector<GuidPrefix>& removed) {
-  const std::optional<Found> found = announcement_in(message, size);
-  if (!found) return {};
+  const std::optional<Announcement> found = announcement_in(message, size);
+  if (!found || found->data.payload.size == 0) return {};
   ParameterList parameters = parameters_of(found->data.payload);
   const bool little_endian = parameters.rest().little_endian;
   const std::uint8_t* sentinel = parameters.rest().at;
@@ -57,7 +42,7 @@ std::vector<std::uint8_t> with_removals(const std::uint8_t* message, std::uint32
 }
 
 bool names_removal_of(const GuidPrefix& participant, const std::uint8_t* message, std::uint32_t size) noexcept {
-  const std::optional<Found> found = announcement_in(message, size);
+  const std::optional<Announcement> found = announcement_in(message, size);
   if (!found) return false;
   ParameterList parameters = parameters_of(found->data.payload);
   while (const auto parameter = parameters.next()) {

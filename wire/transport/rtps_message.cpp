@@ -85,6 +85,13 @@ std::optional<RtpsData> data_of(const Submessage& submessage) noexcept {
   return data;
 }
 
+std::optional<Announcement> announcement_in(const std::uint8_t* message, std::uint32_t size) noexcept {
+  const std::optional<Submessage> found = find_submessage(message, size, kDataId);
+  const std::optional<RtpsData> data = found ? data_of(*found) : std::nullopt;
+  if (!data || data->writer != kAnnouncements) return std::nullopt;
+  return Announcement{*found, *data};
+}
+
 std::optional<ParameterList::Parameter> ParameterList::next() noexcept {
   if (ended_ || rest_.size < kParameterHead) return std::nullopt;
   const std::uint32_t id = rest_.number(0, 2), length = rest_.number(2, 2);

@@ -75,6 +75,14 @@ struct RtpsData {
 /// The content of `submessage`; none if it is no DATA submessage, or shorter than the fixed part of one.
 [[nodiscard]] std::optional<RtpsData> data_of(const Submessage& submessage) noexcept;
 
+/// The announcement of a participant in a message.
+struct Announcement {
+  Submessage submessage;
+  RtpsData data;
+};
+/// The announcement in a message, if its first DATA submessage is one.
+[[nodiscard]] std::optional<Announcement> announcement_in(const std::uint8_t* message, std::uint32_t size) noexcept;
+
 /// Reads a parameter list (9.4.2.11), such as inline QoS or the payload of a discovery sample.
 class ParameterList {
  public:
