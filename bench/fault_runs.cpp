@@ -402,10 +402,6 @@ struct Injection {
   bool kills_services = false;  ///< also hosts and HRTCs, which it starts again
 };
 
-/// Bounds of the growth of a program, MB. In its first minutes an HRTC grows by up to 2 MB, while its flight recorder
-/// replaces segments by others of different sizes, until the heap has room for all of them.
-constexpr double kMaxMb = 1, kMaxSettlingMb = 3, kSettling = 300;  // the last in s, of the run
-
 /// Runs `tactus chaos`, and adds its results to the report. Meanwhile checks the cycles of an HRTC if there is a `log`.
 void inject(TouchedSession& touched, const Injection& injection, std::uint64_t seed, CycleLog* log, Report& report) {
   const std::string results = touched.path("chaos.json"), &what = injection.name;
@@ -440,7 +436,7 @@ void inject(TouchedSession& touched, const Injection& injection, std::uint64_t s
   for (const nlohmann::json& program : json.at("programs")) {
     const std::string label = program.at("label").get<std::string>();
     report.add_at_most(what + "growth of the memory of " + label, {"run", 1}, "MB",
-                       program.at("growth_mb").get<double>(), injection.seconds < kSettling ? kMaxSettlingMb : kMaxMb);
+                       program.at("growth_mb").get<double>(), 1);
     report.add_at_most(what + "more file descriptors of " + label, {"run", 1}, "",
                        program.at("descriptors_growth").get<double>(), 0);
   }

@@ -1,5 +1,6 @@
 #include "hrtc_service/servo/servo_runner.hpp"
 
+#include <malloc.h>
 #include <pthread.h>
 
 #include <algorithm>
@@ -29,6 +30,10 @@ std::array<haptics::DeviceSpec, kMaxProbes> specs_of(const ServoOptions& options
 
 std::unique_ptr<FlightSaver> flight_saver(const ServoOptions& options) {
   if (options.flight.seconds <= 0) return nullptr;
+  // Each second of a recording gets pages of its own, which the system gets back. Without this, malloc takes the memory
+  // of later ones from the heap, where those of other sizes do not fit into the gaps, so that the program grows.
+  constexpr int kOwnPagesFrom = 128 << 10;
+  (void)::mallopt(M_MMAP_THRESHOLD, kOwnPagesFrom);
   return std::make_unique<FlightSaver>(
       options.flight, flight_start(options.participant, options.servo.cycle, options.pool, specs_of(options)),
       std::min(options.max_users, kMaxProbes));

@@ -126,7 +126,7 @@ class Run {
     bool has_selected = false;  // a fault
     try {
       while (monotonic_ns() < end_ns) {
-        if (static_cast<double>(monotonic_ns() - begin_ns) * 1e-9 >= kWarmUp * options_.seconds) measure_programs();
+        measure_programs(static_cast<double>(monotonic_ns() - begin_ns) * 1e-9 < kWarmUp * options_.seconds);
         const Fault fault = plan.next(found_programs());
         has_selected = true;
         observer_.receive_for(fault.pause);
@@ -206,14 +206,22 @@ class Run {
     if (!health.has_users()) std::printf("there is no user, so forces and contacts are not checked\n");
   }
 
-  /// Measures the programs that are old enough and not measured yet.
-  void measure_programs() {
+  /// Measures the programs that are old enough. During the warm-up again each time: growth is that over the largest
+  /// memory, because a program that is suspended or cut off stores less for a while, such as an HRTC in its recorder.
+  void measure_programs(bool is_warm_up) {
     for (const Program& program : found_programs()) {
-      const bool is_measured = std::any_of(measured_.begin(), measured_.end(), [&](const Measured& measured) {
+      const auto known = std::find_if(measured_.begin(), measured_.end(), [&](const Measured& measured) {
         return measured.program.pid == program.pid && measured.program.started == program.started;
       });
-      if (is_measured || age_of(program) < kMinAge) continue;
-      if (const auto resources = resources_of(program)) measured_.push_back({program, *resources});
+      if ((known != measured_.end() && !is_warm_up) || age_of(program) < kMinAge) continue;
+      auto resources = resources_of(program);
+      if (!resources) continue;
+      if (known == measured_.end()) {
+        measured_.push_back({program, *resources});
+      } else {
+        resources->resident_mb = std::max(resources->resident_mb, known->before.resident_mb);
+        known->before = *resources;
+      }
     }
   }
 
