@@ -260,21 +260,21 @@ class SessionTest(FolderTest):
         issuer = threading.Thread(target=stop)
         issuer.start()
 
-        def is_refused():
+        def refusal():
             try:
                 session.reset_forces(timeout=30)
-                return False
+                return ""
             except RuntimeError as error:
-                # The newest stop may not have reached all programs yet.
                 self.assertRegex(str(error), "stops that this reset did not name are still in force.*(desk|museum): ")
-                return True
+                return str(error)
         try:
-            session.wait(is_refused, 30)
+            # The newest stop may have reached only the host yet.
+            session.wait(lambda: "desk: " in refusal(), 30)
         finally:
             ended.set()
             issuer.join()
             self.assertEqual(failures, [])
-        session.wait(lambda: not is_refused(), 30)  # its roster may get the last stop later than that of the other
+        session.wait(lambda: not refusal(), 30)  # its roster may get the last stop later than that of the other
 
     def test_a_stop_without_an_hrtc_names_what_is_missing(self):
         session = self.join()
